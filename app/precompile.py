@@ -33,12 +33,7 @@ GROUPS = (
 
 
 def compile_forms(first: int = 0, every: int = 1) -> Iterator[str]:
-    """Compile the C sources and the forms of `GROUPS`; yields a line on each.
-
-    Args:
-        first: Number of the first source or group.
-        every: Every so many are compiled, the others left to other processes.
-    """
+    """Compile C sources and `GROUPS` of forms, from ``first`` ``every`` so many; a line on each."""
     import tribox.forms.native
     import tribox.geometry.native.compiler
 
@@ -52,11 +47,7 @@ def compile_forms(first: int = 0, every: int = 1) -> Iterator[str]:
 
 
 def main() -> None:
-    """Compile all on the processors there are; print a line on each.
-
-    Raises:
-        SystemExit: A process has failed; it has said why.
-    """
+    """Compile all on the processors there are, a line on each; SystemExit if one has failed."""
     count = min(len(os.sched_getaffinity(0)), len(GROUPS))
     fork = multiprocessing.get_context("fork")  # before MPI is started
     processes = [fork.Process(target=_print_share, args=(first, count)) for first in range(count)]

@@ -20,22 +20,13 @@ Floats = NDArray[np.float64]
 def threshold_speed(film: ArrayLike, parameters: FrictionMapParameters) -> Floats:
     r"""Speed from which the film carries all, m/s: :math:`V^* = \sqrt{\gamma D_{max}/(\eta_b D)}`.
 
-    With V* given at a reference thickness it is :math:`V^*_{ref} \sqrt{D_{ref}/D}`. Infinite where
-    D <= D_min (there is no film).
-
-    Args:
-        film: m, film thickness D.
+    With V* given at a reference, :math:`V^*_{ref} \sqrt{D_{ref}/D}`; inf where D <= D_min; D in m.
     """
     return switching_speed(parameters, np.asarray(film, dtype=np.float64))
 
 
 def film_fraction(speed: ArrayLike, film: ArrayLike, parameters: FrictionMapParameters) -> Floats:
-    r"""Film fraction with a sharp switch: :math:`\alpha_0(D)` below V*, 1 from V* on.
-
-    Args:
-        speed: m/s, V >= 0.
-        film: m, film thickness D.
-    """
+    r"""Film fraction :math:`\alpha_0(D)` below V*, 1 from V* on; of V ≥ 0, m/s, and D, m."""
     V, D = np.broadcast_arrays(
         np.asarray(speed, dtype=np.float64), np.asarray(film, dtype=np.float64)
     )
@@ -94,14 +85,9 @@ def effective_viscosity(
 
 
 def crossover_speed(film: ArrayLike, pressure: ArrayLike, mu: ArrayLike, eta_b: float) -> Floats:
-    r"""Speed at which the film alone drags as much as friction alone, m/s.
+    r"""Speed, m/s, at which the film drags as friction alone: :math:`V_c = \mu p D/\eta_b`.
 
-    :math:`V_c = \mu p D/\eta_b`. Where V* < V_c the traction falls at V*.
-
-    Args:
-        film: m, film thickness D.
-        pressure: Pa, p.
-        eta_b: Pa s, bulk viscosity.
+    Where V* < V_c the traction falls at V*. D in m, p in Pa, eta_b in Pa s.
     """
     return np.asarray(np.asarray(mu) * np.asarray(pressure) * np.asarray(film) / eta_b)
 

@@ -95,20 +95,13 @@ def parameter(
     most: int | None = None,
     **bounds: Any,
 ) -> Any:
-    """Declare a field of a law or material.
+    """Declare a field of a law or material: its meaning, for readers of case files, and SI unit.
 
-    Args:
-        meaning: in a few words, for readers of the case file's keys.
-        unit: SI.
-        default: the value if it is not given; without one it is needed.
-        over: it may be a table over this quantity.
-        program: whether a case may have it change with time.
-        same_as: a case that does not give it takes the value of this other parameter.
-        otherwise: what a case takes that does not give it, where the class has no default.
-        follows: a case that does not give it takes what this makes of bodies and mesh.
-        key: in the case file, if not the name of the field.
-        most: entries of a list.
-        bounds: see :class:`Bounds`.
+    ``default``: the value if it is not given; without one it is needed. ``over``: it may be a table
+    over this quantity; ``program``: or change with time. A case that does not give it takes
+    ``otherwise``, the value of the parameter ``same_as``, or what ``follows`` makes of bodies and
+    mesh. ``key``: in the case file, if not the field's name; ``most``: entries of a list; see
+    :class:`Bounds`.
     """
     declared = Parameter(
         meaning, Bounds(unit, **bounds), over, program, same_as, follows, otherwise, key, most
@@ -119,11 +112,7 @@ def parameter(
 class Refused(ValueError):
     """A value that is not allowed; the message names it and says what is.
 
-    Attributes:
-        key: of the parameter, with row and column of a table as in "points.0.1"; "" if it is about
-            several.
-        reason: what is allowed.
-        value: that was found.
+    ``key``: with row and column as in "points.0.1", "" if of several; ``reason``: what is allowed.
     """
 
     def __init__(self, key: str, reason: str, value: object = MISSING) -> None:
@@ -133,11 +122,7 @@ class Refused(ValueError):
 
 
 class Declared:
-    """A dataclass whose fields are parameters: it checks them when it is made.
-
-    Raises:
-        Refused: a value is not allowed.
-    """
+    """A dataclass of parameters that checks them when it is made; Refused if one is wrong."""
 
     __slots__ = ()
 

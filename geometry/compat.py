@@ -55,9 +55,7 @@ def cell_partitioner(
 ) -> CellPartitioner:
     """A partitioner for a mesh of one kind of cells that one process holds.
 
-    Args:
-        share_out: gives the part (c,) of each cell, from the cells' vertices in one row and the
-            number of parts; called on the process that has cells.
+    ``share_out`` gives it parts (c,) from the cells' vertices in a row and the number of parts.
     """
 
     def partition(comm: Any, parts: int, kinds: Any, cells: Any) -> Any:
@@ -91,17 +89,11 @@ def distributed_mesh(
     facets: Tagged | None,
     partitioner: CellPartitioner | None = None,
 ) -> tuple[dolfinx.mesh.Mesh, dolfinx.mesh.MeshTags, dolfinx.mesh.MeshTags]:
-    """Distribute a mesh that one process has, others having none of its nodes; collective.
+    """Distribute a mesh that one process has, with tags of cells and facets; collective.
 
-    Args:
-        comm: the processes.
-        kind: shape and degree of the cells.
-        position: (n, i), m.
-        cells: of the mesh; facets: those with tags, None without any.
-        partitioner: Shares out the cells; None: by DOLFINx's own, which balances cells.
-
-    Returns:
-        The mesh, and the tags of its cells and of its facets.
+    ``position``: (n, i), m, none on the others; ``cells``: of a ``kind`` of shape and degree;
+    ``facets``: those with tags, None without any; ``partitioner``: None: DOLFINx's own, which
+    balances cells.
     """
     variant, dim = basix.LagrangeVariant.equispaced, position.shape[1]
     element = basix.ufl.element("Lagrange", *kind, variant, shape=(dim,))

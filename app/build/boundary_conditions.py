@@ -10,20 +10,7 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 
-from tribox.app.build.load_programs import (
-    Acts,
-    LoadsWithForms,
-    MovedOn,
-    Program,
-    ReachedForce,
-    Released,
-    Remembering,
-    StageChange,
-    displaced_components,
-    moved_components,
-    of_time,
-    turning,
-)
+from tribox.app.build import load_programs
 from tribox.app.case import boundary as tables
 from tribox.app.case.boundary import COMPONENTS, Boundary, Rotation, Spring
 from tribox.app.case.stage import Stage
@@ -53,8 +40,8 @@ class Constraint:
     component: int  # 0 is x; −1 for a direction along no axis
     source: object  # what prescribes it
     part: Prescribed | Platen  # what does so in the equilibrium
-    acts: Acts  # in which stages
-    given: Acts  # in which of them the displacement itself is given
+    acts: load_programs.Acts  # in which stages
+    given: load_programs.Acts  # in which of them the displacement itself is given
 
     @property
     def dofs(self) -> Ints:
@@ -89,24 +76,19 @@ class Loads:
         thickness: float,
         stages: Sequence[Stage] = (),
     ) -> None:
-        """Begin with none, but for the axis of symmetry, which stays where it is.
-
-        Args:
-            u: displacement, m.
-            thickness: m, of a plane-strain slab; 1 otherwise.
-        """
+        """None yet, but for the axis of symmetry; ``u``, ``thickness``: m, of a slab, or 1."""
         self.named, self.u, self.section, self.thickness = named, u, section, thickness
         self._stages = {stage.name: stage for stage in stages}
         self.prescribed: list[Prescribed] = []
         self.platens: list[Platen] = []
         self.platen_names: list[str] = []
         self.notes: list[str] = []
-        self.forms = LoadsWithForms(named, u, section, thickness)
+        self.forms = load_programs.LoadsWithForms(named, u, section, thickness)
         self.nodal_loads: list[NodalLoad] = []
         self.nodal_surfaces: list[str] = []
         self.programs: list[Callable[[float, float], None]] = []
         self.stage, self.share = "", 1.0
-        self.remembering: list[Remembering] = []
+        self.remembering: list[load_programs.Remembering] = []
         self.constraints: list[Constraint] = []
         if section == "axisymmetric":
             self._constrain_axis()
@@ -129,27 +111,18 @@ class Loads:
     # -- stages -------------------------------------------------------------------------------
 
     def begin_stage(self, name: str, time: float, problem: Equilibrium) -> None:
-        """Let the loads be those of a stage from the next time they are set; collective.
-
-        Args:
-            time: s, at which it begins.
-        """
+        """Let loads be those of a stage beginning at ``time``, s, once they are set; collective."""
         if name == self.stage:
             return
-        change = StageChange(self.stage, name, time, problem)
+        change = load_programs.StageChange(self.stage, name, time, problem)
         self.stage = name
         for one in self.remembering:
             one.begin(change)
 
     def finish(self, pairs: Mapping[str, Sequence[tuple[int, str]]] | None = None) -> None:
-        """Add what the stages release, and see that corners agree; collective.
+        """Add what the stages release, and see that corners agree (InputError); collective.
 
-        Args:
-            pairs: contacts by the names that release them: number, and each surface of a body;
-                None: there are none.
-
-        Raises:
-            InputError: two boundaries disagree at a shared node.
+        ``pairs``: contacts by the names that release them: number, and each surface of a body.
         """
         pairs = pairs or {}
         for stage in self._stages.values():
@@ -198,7 +171,7 @@ class Loads:
         for one, values in zip(self.remembering, kept["parts"], strict=True):
             one.restore(values)
 
-    def _acts(self, boundary: Boundary) -> Acts:
+    def _acts(self, boundary: Boundary) -> load_programs.Acts:
         """In which stages what a boundary holds does so: not from a release of it on."""
         names = list(self._stages)
         gone = [at for at, s in enumerate(self._stages.values()) if boundary.surface in s.release]
@@ -261,7 +234,7 @@ class Loads:
         """Take off forces at unknowns of a surface evenly over a stage, or where it begins."""
         load = self._at_nodes(surface, dofs, np.zeros(len(dofs)))
         load.takes_over = True
-        released = Released(load, stage.name, stage.duration or np.inf, given_up)
+        released = load_programs.Released(load, stage.name, stage.duration or np.inf, given_up)
         self.remembering.append(released)
 
         def program(time: float, driven: float) -> None:
@@ -275,10 +248,10 @@ class Loads:
     def _hold(self, boundary: Boundary) -> None:
         """Prescribe displacements, velocities and rotations."""
         acts = self._acts(boundary)
-        for component, value, source in displaced_components(boundary):
+        for component, value, source in load_programs.displaced_components(boundary):
             dofs = self._dofs(boundary.surface, component)
             self._prescribe(boundary.surface, dofs, component, (value, source), acts)
-        for component, speed in moved_components(boundary):
+        for component, speed in load_programs.moved_components(boundary):
             self._move(boundary, component, speed)
         if boundary.rotation is not None:
             self._rotate(boundary.surface, boundary.rotation, acts)
@@ -291,7 +264,12 @@ class Loads:
         return component_dofs(space, self.named.facets(surface), component)
 
     def _prescribe(
-        self, surface: str, dofs: Ints, component: int, how: tuple[Program, object], acts: Acts
+        self,
+        surface: str,
+        dofs: Ints,
+        component: int,
+        how: tuple[load_programs.Program, object],
+        acts: load_programs.Acts,
     ) -> Prescribed:
         value, source = how
         part = Prescribed(dofs)
@@ -308,7 +286,7 @@ class Loads:
     def _move(self, boundary: Boundary, component: int, speed: TimeTable) -> None:
         """Prescribe a velocity; what begins in the middle of a run goes on from where it is."""
         acts, dofs = self._acts(boundary), self._dofs(boundary.surface, component)
-        value, source = of_time(speed.integral), ("velocity", speed)
+        value, source = load_programs.of_time(speed.integral), ("velocity", speed)
         if all(map(acts, self._stages)) and not any(
             speed.values
         ):  # held, as by a displacement of 0
@@ -318,14 +296,14 @@ class Loads:
             self._prescribe(boundary.surface, dofs, component, (value, source), acts)
             return
         # The part is made with its program, and what moves it on is made with the part.
-        moved: list[MovedOn] = []
+        moved: list[load_programs.MovedOn] = []
 
         def from_there(time: float, driven: float) -> Floats:
             return moved[0].value(time, driven)
 
         where = (*source, boundary.stages)
         part = self._prescribe(boundary.surface, dofs, component, (from_there, where), acts)
-        moved.append(MovedOn(part, speed, acts))
+        moved.append(load_programs.MovedOn(part, speed, acts))
         self.remembering += moved
 
     def _constrain_axis(self) -> None:
@@ -337,12 +315,12 @@ class Loads:
         dofs = (nodes * space.dofmap.index_map_bs).astype(np.int32)
         self._fix("the axis x = 0", dofs, 0, lambda stage: True)
 
-    def _fix(self, surface: str, dofs: Ints, component: int, acts: Acts) -> None:
+    def _fix(self, surface: str, dofs: Ints, component: int, acts: load_programs.Acts) -> None:
         """Prescribe a displacement of zero."""
         still = TimeTable.constant(0.0)
-        self._prescribe(surface, dofs, component, (of_time(still), still), acts)
+        self._prescribe(surface, dofs, component, (load_programs.of_time(still), still), acts)
 
-    def _rotate(self, surface: str, rotation: Rotation, acts: Acts) -> None:
+    def _rotate(self, surface: str, rotation: Rotation, acts: load_programs.Acts) -> None:
         """Turn a surface rigidly; displacements along the axis are not touched."""
         space = self.u.function_space
         centre = np.zeros(3)
@@ -353,7 +331,7 @@ class Loads:
             component = COMPONENTS.index(name)
             dofs = self._dofs(surface, component)
             arm = space.tabulate_dof_coordinates()[dofs // space.dofmap.index_map_bs] - centre
-            turned = turning(arm, axis, component, rotation.angle)
+            turned = load_programs.turning(arm, axis, component, rotation.angle)
             self._prescribe(surface, dofs, component, (turned, rotation), acts)
 
     def _symmetry(self, boundary: Boundary) -> None:
@@ -397,7 +375,7 @@ class Loads:
             given = table.force or TimeTable.constant(0.0)
             scale = inward / self.thickness
         held_after = table.displacement_stages if table.hold_force else ()
-        reached = ReachedForce(platen, held_after, f"the platen on {surface}")
+        reached = load_programs.ReachedForce(platen, held_after, f"the platen on {surface}")
         if table.hold_force:
             self.remembering.append(reached)
         travel, stages, acts = table.displacement, table.displacement_stages, self._acts(boundary)
@@ -445,7 +423,9 @@ class Loads:
         self._tie(boundary, component, platen, acts)
         return platen
 
-    def _tie(self, boundary: Boundary, component: int, platen: Platen, acts: Acts) -> None:
+    def _tie(
+        self, boundary: Boundary, component: int, platen: Platen, acts: load_programs.Acts
+    ) -> None:
         """Take a platen in."""
         self.platens.append(platen)
         direction = COMPONENTS[component] if component >= 0 else "n"
@@ -493,11 +473,7 @@ class Loads:
     # -- corners ------------------------------------------------------------------------------
 
     def check_corners(self) -> None:
-        """See that surfaces which share nodes do not prescribe different things there; collective.
-
-        Raises:
-            InputError: two boundaries disagree at a shared node.
-        """
+        """See that surfaces agree at shared nodes; InputError if two do not; collective."""
         mine = list(self._disagreements())
         mine += self._stuck()
         problems = sorted(set(itertools.chain(*self.named.mesh.comm.allgather(mine))))

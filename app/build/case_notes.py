@@ -143,11 +143,7 @@ def _notes_on_contact(case: Case, contact: Contact) -> Iterator[str]:
 
 
 def notes_on_choices(friction: LawTable, film: Floats) -> Iterator[str]:
-    """Lines on what the law takes by itself where the case does not say it.
-
-    Args:
-        film: (q,), m, film thicknesses that it is used for.
-    """
+    """Lines on what the law takes by itself for films (q,), m, where the case does not say it."""
     parameters = friction.parameters()
     yield from notes_on_tabulation(parameters, film)
     if friction.preset is not None:
@@ -209,11 +205,7 @@ def _size(case: Case) -> float:
 
 
 def notes_on_settling(case: Case, contact: Contact, pressure: float) -> Iterator[str]:
-    """One line for each stage that has too little slip for some of its velocities.
-
-    Args:
-        pressure: Pa, on the contact; 0 if unknown.
-    """
+    """A line on stages with too little slip for a velocity; ``pressure``: Pa, 0 if unknown."""
     law, slid = contact.map, 0.0
     if law is None or contact.given_film is None:
         return
@@ -254,10 +246,7 @@ def _note(stage: Stage, most: float, short: list[tuple[float, float]], of: int) 
 def weakening_slip(law: FrictionMapParameters, speed: float, film: float, pressure: float) -> float:
     """Slip after which the weakening has come to within ``SETTLED`` of the traction, m.
 
-    Args:
-        speed: m/s; 0 where rates do not count.
-        film: m, its thickness.
-        pressure: Pa; 0 if unknown: then the film is taken to carry nothing beside the asperities.
+    ``speed``: m/s, 0 where rates do not count; ``film``: m; ``pressure``: Pa, 0 (unknown): dry.
     """
     p = pressure if pressure > 0.0 else 1.0
     # The traction is linear in mu: its slope, and the film's drag beside it.
@@ -284,12 +273,8 @@ def drive_to_load(
 
     Dry friction is reached after its elastic length, and must then be seen to stay for as long. The
     film's drag grows with 1 - exp(-s/l) over the way s, l being the elastic length under it.
-
-    Args:
-        speed: m/s; 0 where rates do not count.
-        film: m, its thickness.
-        pressure: Pa, 0 if unknown.
-        compliance: m/Pa, of the bodies in shear.
+    ``speed``: m/s, 0 where rates do not count; ``film``: m; ``pressure``: Pa, 0 if unknown;
+    ``compliance``: m/Pa, of the bodies in shear.
     """
     drag = float(steady_traction(speed, film, pressure, 0.0, law))
     dry = float(steady_traction(speed, film, pressure, law.mu_s, law)) - drag
@@ -353,16 +338,10 @@ def notes_on_threshold(
     dt: float,
     slowest: float | None = None,
 ) -> Iterator[str]:
-    """A line where the threshold speed V* has no effect in a run with a film below D_max.
+    """A line where the threshold speed V* has no effect in a run with a film (q,), m, below D_max.
 
-    Speeds below (error of a position)/(time step) cannot be distinguished from rest; and where
-    V* is below every driven speed, the film carries all (alpha = 1) throughout the sliding.
-
-    Args:
-        film: (q,), m, film thickness D.
-        position_error: m, error of a position: round-off or the solver's tolerance.
-        dt: s, the shortest time step.
-        slowest: m/s, the lowest speed of sliding, > 0, if there is one.
+    Speeds below ``position_error``, m, over ``dt``, the shortest time step, s, cannot be told from
+    rest; and where V* is below ``slowest``, m/s, the lowest speed of sliding, the film carries all.
     """
     inside = film[(film > parameters.D_min) & (film < parameters.D_max)]
     if not inside.size:
@@ -412,12 +391,9 @@ def notes_on_tabulation(parameters: FrictionMapParameters, film: Floats) -> Iter
 
 
 def notes_on_fixed_threshold(parameters: FrictionMapParameters, usual: float) -> Iterator[str]:
-    r"""A line on a threshold speed that stays where the viscosity is not the usual one.
+    r"""A line on a threshold speed that stays where the viscosity is not the ``usual`` one, Pa s.
 
     With the gamma that lets it move, :math:`\gamma = {V^*}^2 D \eta_b/D_{max}`.
-
-    Args:
-        usual: Pa s, viscosity that V_star is taken to belong to, such as that of a preset.
     """
     if parameters.V_star is None or np.isclose(parameters.eta_b, usual, rtol=SAME, atol=0.0):
         return

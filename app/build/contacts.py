@@ -83,11 +83,7 @@ class ContactBuilder:
     loads: Loads | None = None  # what the boundaries hold
 
     def build(self, index: int) -> BuiltContact:
-        """The contact of this number in the case; collective.
-
-        Raises:
-            InputError: its surfaces, or its keys, do not fit.
-        """
+        """Contact number ``index``; collective; InputError if its surfaces or keys do not fit."""
         asked = self.case.contact[index]
         materials = self._materials(index, asked)
         degree = quadrature_degree(self.named.mesh.geometry.dim, *materials)
@@ -125,11 +121,7 @@ class ContactBuilder:
     def _start(
         self, index: int, asked: Contact, surface: ContactSurface
     ) -> tuple[PairAtStart, Callable[[float], Floats] | None]:
-        """The surfaces at time 0, and their fit; collective.
-
-        Raises:
-            InputError: they face the same way, or overlap.
-        """
+        """The surfaces at time 0, and their fit; InputError if they face one way, or overlap."""
         at = surface.project(surface.slave.position, self._nodes_at_start(asked, surface))
         start = PairAtStart(f"contact.{index}", asked, surface, at)
         at_once = self.case.acts_in(asked, self.case.stage[0].name)
@@ -299,10 +291,7 @@ class ContactBuilder:
 def resolved_contact(contact: Contact, softer: Material, length: float, pressure: float) -> Contact:
     """A `[[contact]]` table with every default filled in.
 
-    Args:
-        softer: the softer body's material.
-        length: m, of a slave facet.
-        pressure: Pa, the highest that a boundary prescribes; 0 without one.
+    By the ``softer`` material, a slave facet's ``length``, m, and the highest ``pressure``, Pa.
     """
     friction, film = contact.friction, contact.film
     if film is not None and film.is_unknown:
@@ -348,11 +337,8 @@ def penalty_modulus(softer: Material, pressure: PressureKind) -> float:
 
     What a soft penalty costs is the approach of the bodies: for bodies that bend and bulge into
     each other it goes with the shear modulus G; a layer that cannot give sideways answers with the
-    oedometric modulus M. Both count, where the pressure is averaged, as max(10 G, M/10). Point by
-    point it is M.
-
-    Args:
-        pressure: "averaged" or "pointwise".
+    oedometric modulus M. Both count, where the pressure is "averaged", as max(10 G, M/10). Point by
+    point ("pointwise") it is M.
     """
     modulus, shear = oedometric_modulus(softer), contact_shear_modulus(softer)
     # A body that flows: it bears its hardness, of which M says nothing.
@@ -408,10 +394,7 @@ def fit_program(case: Case, contact: Contact, at: Projection) -> Callable[[float
 def contact_program(
     table: Contact, term: ContactTerm, fit: Callable[[float], Floats] | None = None
 ) -> Callable[[float, float], None] | None:
-    """What gives a term its friction and fit at (time, driven displacement), s and m.
-
-    None where they stay the same.
-    """
+    """What renews a term's friction and fit at (time, driven), s and m; None where they stay."""
     friction, factor = table.friction, table.friction_factor
     if not friction.changes and not isinstance(factor, TimeTable) and fit is None:
         return None
@@ -433,12 +416,7 @@ def contact_program(
 def stiffer_slave(
     index: int, contact: Contact, body: str, slave: Material, master: Material | None = None
 ) -> Iterator[str]:
-    """A line on a slave that is on the stiffer body.
-
-    Args:
-        body: name of the slave's body.
-        master: material of the other body; None: a tool.
-    """
+    """A line on a slave that is on the stiffer body, named ``body``; ``master`` None: a tool."""
     if master is None:
         return
     if contact_shear_modulus(slave) > STIFFER * contact_shear_modulus(master):
@@ -468,9 +446,7 @@ def notes_on_penalty(
 ) -> Iterator[str]:
     """Lines on a penalty that is far from what works, or that shortens explicit steps.
 
-    Args:
-        pressure: "averaged" or "pointwise", which compare with other moduli.
-        ratio: of that modulus to the oedometric one, where the run is explicit.
+    ``ratio``: of the modulus of that ``pressure`` to the oedometric one, of explicit runs.
     """
     # Rounding may lift a penalty of just this size above it.
     if ratio is not None and factor * ratio > (1.0 + 1e-9) * CHATTER:
@@ -496,11 +472,7 @@ def notes_on_penalty(
 def note_on_stick(index: int, friction: Friction, stiffness: float) -> Iterator[str]:
     """A line on dry friction that sticks far more softly, or stiffly, than the bodies shear.
 
-    The default is found from the mesh and the bodies; a resolved case that is run with a finer mesh
-    or a stiffer body keeps the value it had.
-
-    Args:
-        stiffness: Pa/m, G/h of the softer body beside the contact.
+    ``stiffness``: Pa/m, G/h of the softer body; a resolved case keeps the K_T of its old mesh.
     """
     # The friction map's K_T is that of its asperities, not a penalty.
     if friction.law != MAP and (K_T := getattr(friction, "K_T", None)) is not None:

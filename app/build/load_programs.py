@@ -36,10 +36,7 @@ Program = Callable[[float, float], float | Floats]
 def turning(arm: Floats, axis: Floats, component: int, angle: TimeTable) -> Program:
     """One displacement component of points turned about an axis, by Rodrigues' formula.
 
-    Args:
-        arm: (n, 3) from the axis to the points, m.
-        axis: (3,) unit vector.
-        angle: rad, over time.
+    ``arm``: (n, 3), m, from the axis (3,), a unit vector; ``angle``: rad, over time.
     """
     across = np.cross(axis, arm)[:, component]
     outward = (arm - np.outer(arm @ axis, axis))[:, component]

@@ -20,12 +20,7 @@ from tribox.geometry.meshes.mesh import NamedMesh, generate, read
 
 
 def make_mesh(case: Case, comm: MPI.Comm) -> NamedMesh:
-    """The case's mesh, generated or read, with every name the case uses; collective.
-
-    Raises:
-        InputError: no such file, body or surface, or bodies that are glued together; the message
-            names the case file.
-    """
+    """The case's mesh, made or read, with all names that the case uses; InputError; collective."""
     try:
         return _made_mesh(case, comm)
     except InputError as error:
@@ -161,13 +156,7 @@ def _section_problems(case: Case, named: NamedMesh) -> Iterator[str]:
 
 
 def bodies_sharing_nodes(named: NamedMesh) -> dict[tuple[str, str], int]:
-    """Number of the common nodes of bodies that have any; collective.
-
-    Such bodies are bonded: there they can neither slide nor separate.
-
-    Returns:
-        By the names of each such pair, in the order of ``named.bodies``; the same on all processes.
-    """
+    """Number of common nodes, by names, of bodies that have any: they are bonded; collective."""
     nodes = {name: cell_nodes(named.mesh)[named.cells(name)] for name in named.bodies}
     return _sharing(named, nodes)
 

@@ -18,11 +18,7 @@ from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.stage import solver_of
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.supports import (
-    free_bodies,
-    loose_directions,
-    sprung_dofs,
-)
+from tribox.app.equilibrium.supports import free_bodies, loose_directions, sprung_dofs
 from tribox.app.equilibrium.unknowns import Prescribed, box_of
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.materials import young_and_poisson

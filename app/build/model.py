@@ -12,22 +12,12 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from tribox.app.build import mesh_notes
 from tribox.app.build.boundary_conditions import Loads
 from tribox.app.build.case_notes import notes_on
 from tribox.app.build.contacts import BuiltContact, ContactBuilder
 from tribox.app.build.load_programs import Onset, balancing, given
 from tribox.app.build.mesh import make_mesh, of_case
-from tribox.app.build.mesh_notes import (
-    bending_bodies,
-    bonded_bodies,
-    drifting,
-    large_mesh,
-    locking_bodies,
-    many_cells,
-    notes_on_ranks,
-    notes_on_slips,
-    notes_on_supports,
-)
 from tribox.app.build.probes import PointPlaces, SurfaceLine, place_lines, place_probes
 from tribox.app.build.tools import blocks_of_tools, make_tools, notes_on_tools
 from tribox.app.case.bodies import Body, Elastomer, formulation_problems, formulations
@@ -89,10 +79,7 @@ class Model:
         return [contact.film_onset for contact in self.case.contact]
 
     def begin_stage(self, name: str) -> None:
-        """Let loads and contacts be those of a stage from the next :meth:`set_loads` on.
-
-        The problem must be as the last step left it; collective.
-        """
+        """Let a stage begin with the next :meth:`set_loads`, after the last step; collective."""
         if self.loads is not None and name != self.loads.stage:
             time, driven, _ = self.loaded
             self.onset = Onset(time, driven, list(balancing(self.problem)))
@@ -186,12 +173,7 @@ def failures_as(kind: type[TriboxError], where: str) -> Iterator[None]:
 
 
 def build_model(case: Case, comm: MPI.Comm, runs_code: bool = True) -> Model:
-    """Mesh, forms and loads of a case; collective.
-
-    Raises:
-        InputError: the mesh, or a name in the case, does not fit, or numbers are out of range; the
-            message names the case file.
-    """
+    """Mesh, forms and loads of a case; InputError, naming its file, if it is wrong; collective."""
     try:
         return _built(case, comm, runs_code)
     except InputError as error:
@@ -299,19 +281,21 @@ def _notes(asked: Case, model: Model, contacts: Sequence[BuiltContact], loads: L
         *notes_on_branches(case.bodies, case.stage),
         *notes_on_materials(case.bodies, {s.name: s.material for s in problem.solids}),
         *named.notes,
-        *locking_bodies(named, problem.solids, problem.space.element.basix_element.degree),
-        *bending_bodies(case, named, problem),
-        *large_mesh(case, named),
-        *notes_on_slips(case, named),
-        *many_cells(case, named),
-        *bonded_bodies(named),
-        *notes_on_ranks(asked, named),
+        *mesh_notes.locking_bodies(
+            named, problem.solids, problem.space.element.basix_element.degree
+        ),
+        *mesh_notes.bending_bodies(case, named, problem),
+        *mesh_notes.large_mesh(case, named),
+        *mesh_notes.notes_on_slips(case, named),
+        *mesh_notes.many_cells(case, named),
+        *mesh_notes.bonded_bodies(named),
+        *mesh_notes.notes_on_ranks(asked, named),
         *(note for contact in contacts for note in contact.notes),
         *loads.notes,
     ]
-    notes += drifting(case, named, problem, loads)
+    notes += mesh_notes.drifting(case, named, problem, loads)
     if any(solver_of(stage, case.solver.kind) == "implicit" for stage in case.stage):
-        notes += notes_on_supports(problem, getattr(case.geometry, "gap", 0.0) == 0.0)
+        notes += mesh_notes.notes_on_supports(problem, getattr(case.geometry, "gap", 0.0) == 0.0)
     return notes
 
 
@@ -340,11 +324,7 @@ Bodies = Mapping[str, Body]
 
 
 def resolved_bodies(bodies: Bodies, named: NamedMesh) -> dict[str, Body]:
-    """The bodies, each with the formulation that suits the elements where none is given.
-
-    Raises:
-        InputError: a formulation does not go with the elements or with another body's.
-    """
+    """The bodies, with the formulation that suits the elements; InputError if one does not go."""
     cell = named.mesh.topology.cell_name()
     for name, reason in formulation_problems(bodies, cell):
         raise InputError(f"bodies.{name}.formulation: {reason}")
@@ -367,11 +347,7 @@ def displacement_on(
 
 
 def materials_of(bodies: Bodies, comm: MPI.Comm, runs_code: bool = True) -> dict[str, Material]:
-    """The materials of all bodies; collective.
-
-    Raises:
-        InputError: an energy in Python cannot be used, on some rank.
-    """
+    """The materials of all bodies; collective; InputError if one in Python cannot be used."""
     made: dict[str, Material] = {}
     problem: str | None = None
     for name, body in bodies.items():

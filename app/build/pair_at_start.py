@@ -117,13 +117,7 @@ class PairAtStart:
         return graded * self.surface.facet_length, other / count_near
 
     def corners(self, distance: float) -> Corners:
-        """Corners of a faceted master where the slave is near.
-
-        Angles above `SHARP` are edges that are meant, and those below `STRAIGHT` none.
-
-        Args:
-            distance: m, of the surfaces.
-        """
+        """Corners between `STRAIGHT` and `SHARP` of a faceted master within ``distance``, m."""
         at, surface, master = self.at, self.surface, self.surface.master
         if isinstance(master, RigidMaster) or self.contact.smoothing_angle is not None:
             return Corners(0.0, 0.0, 0.0)
@@ -194,15 +188,9 @@ class PairAtStart:
     # -- What is refused -----------------------------------------------------------------------
 
     def check_facing(self, tool: Tool | None) -> None:
-        """Refuse a slave that looks the way its master looks where they are nearest to each other.
+        """Refuse a slave that looks the way its master does where they are nearest (InputError).
 
-        They then never press on each other, unless one is turned over first.
-
-        Args:
-            tool: the master's table; None: a body's surface.
-
-        Raises:
-            InputError: saying which way round they are.
+        They press only if one turns over; ``tool``: the master's table; None: a body's surface.
         """
         # Surfaces that face each other have outward normals against one another, a cosine near −1.
         # At the master's ends the normal is the way to the point, whatever side that is on.
@@ -222,14 +210,7 @@ class PairAtStart:
             )
 
     def check_overlap(self, tool: Tool | None) -> None:
-        """Refuse surfaces that overlap before anything has moved.
-
-        Args:
-            tool: the master's table; None: a body's surface.
-
-        Raises:
-            InputError: saying how deep.
-        """
+        """InputError on overlap before anything has moved; ``tool``: the master's table, if one."""
         depth, contact = self.overlap, self.contact
         if depth <= OVERLAP * self.surface.facet_length:
             return
@@ -269,10 +250,8 @@ class PairAtStart:
     def notes(self, case: Case, alone: bool, unable: str | None) -> Iterator[str]:
         """Every line there is to say on these surfaces.
 
-        Args:
-            alone: whether no other surface of the slave's body meets this master: a side that may
-                fold onto the master is a contact beside that of the surface it ends at.
-            unable: why the master cannot be smooth; None: it can.
+        ``alone``: no other surface of the slave's body meets this master; ``unable``: why not
+        smooth.
         """
         yield from self._notes_on_distance()
         if alone:

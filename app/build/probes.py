@@ -54,11 +54,7 @@ class SurfaceLine:
 def place_lines(
     case: Case, named: NamedMesh, space: dolfinx.fem.FunctionSpace
 ) -> list[SurfaceLine]:
-    """The lines of nodes of all probes of surfaces; collective.
-
-    Raises:
-        InputError: a surface is not there, or no line, or pieces hold too few of its nodes.
-    """
+    """The lines of nodes of probes; collective; InputError if a surface, or piece, is no line."""
     return [
         _surface_line(probe, ("probe", index), named, space)
         for index, probe in enumerate(case.probe)
@@ -148,11 +144,7 @@ def _segments(space: dolfinx.fem.FunctionSpace, facets: Ints) -> Ints:
 def place_probes(
     case: Case, named: NamedMesh, space: dolfinx.fem.FunctionSpace, section: Section
 ) -> list[PointPlaces]:
-    """The places of all probes that are points or lines; collective.
-
-    Raises:
-        InputError: a probe does not go with the mesh, lies outside, or where two bodies touch.
-    """
+    """Places of points and lines of probes; collective; InputError where one is in no one body."""
     for index, probe in enumerate(case.probe):
         for problem in probe.section_problems(section, ("probe", index)):
             raise InputError(format_problem(problem))

@@ -116,11 +116,7 @@ def _on_first(read: Callable[[], tuple[Floats, Ints]], comm: MPI.Comm) -> tuple[
 
 
 def facets_of(table: MeshTool, dim: int) -> tuple[Floats, Ints]:
-    """Nodes (n, i), m, and facets (f, a), in the order of a Lagrange element, of a mesh file.
-
-    Raises:
-        ValueError: the file cannot be read, or has no such surface in this space.
-    """
+    """Nodes (n, i), m, and facets (f, a) in a mesh file; ValueError if it has none."""
     import meshio
 
     where = f"file = {str(table.file)!r}"
@@ -244,11 +240,7 @@ GIVES_WAY = 1e-6  # how far a stop gives way under the largest force, over the s
 
 
 def _stop(table: Tool, dim: int, size: float) -> Stop | None:
-    """Blocks that stop a tool.
-
-    Args:
-        size: m, of the mesh, times the thickness that forces stand for.
-    """
+    """Blocks that stop a tool; ``size``: m, of the mesh, times the thickness of the forces."""
     if table.stop is None:
         return None
     low, high = np.full(dim + 1, -np.inf), np.full(dim + 1, np.inf)
@@ -344,11 +336,9 @@ def _stays(case: Case, name: str, how: _Slot) -> Acts:
 
 
 def _motion(table: Tool, points: Floats, box: Floats) -> RigidMotion:
-    """How the control points (a, i), m, follow the tool.
+    """How the control points (a, i), m, follow the tool; its centre is by default their middle.
 
-    A tool that does not turn takes the middle of its control points for its centre. The angle is
-    multiplied by the size of the mesh's ``box`` (2, i), m, or the longest arm from there: moments
-    over it are of the size of forces.
+    The angle is multiplied by the size of ``box`` (2, i), m, or the longest arm, as a moment.
     """
     dim, rotation = points.shape[1], table.rotation
     centre: Floats = np.asarray(getattr(table, "centre", points.mean(axis=0)), dtype=np.float64)

@@ -59,11 +59,12 @@ _TIME = Quantity("s", gt=0.0, name="relaxation time")
 class BodyVelocity(Model):
     """Velocity of a whole body when the first explicit stage begins."""
 
-    x: Annotated[float, Quantity("m/s")] = Field(default=0.0, description="velocity in x")
-    y: Annotated[float, Quantity("m/s")] = Field(default=0.0, description="velocity in y")
-    z: Annotated[float, Quantity("m/s")] = Field(
-        default=0.0, description="velocity in z; of bodies in space"
-    )
+    x: Annotated[float, Quantity("m/s")] = 0.0
+    """velocity in x"""
+    y: Annotated[float, Quantity("m/s")] = 0.0
+    """velocity in y"""
+    z: Annotated[float, Quantity("m/s")] = 0.0
+    """velocity in z; of bodies in space"""
 
     def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
         """Keys that do not go with this section; `place` is where this table stands."""
@@ -77,36 +78,26 @@ class BodyVelocity(Model):
 class _Body(Model):
     """What the bodies of every material have."""
 
-    material: str = Field(description="strain energy of the body")
-    library: Name | None = Field(
-        default=None,
-        description="entry of the materials library from which the keys come that are not given; "
-        "material = NAME of an entry sets it",
-    )
-    density: Annotated[float, Quantity("kg/m^3", gt=0.0)] | None = Field(
-        default=None, description="mass per reference volume; needed by explicit dynamics"
-    )
-    velocity: BodyVelocity | None = Field(
-        default=None,
-        description="velocity with which the body enters the first explicit stage; explicit only",
-    )
-    formulation: Formulation | None = Field(
-        default=None,
-        description='displacement and integration of the elements: "q1-sri" first order, selective '
-        'reduced; "q1" first order, full; "q2" second order, full (all bodies then); default: '
-        '"q1-sri" for quadrilaterals and hexahedra, "q1" for triangles and tetrahedra',
-    )
+    material: str
+    """strain energy of the body"""
+    library: Name | None = None
+    """entry of the materials library from which the keys come that are not given; material = NAME
+    of an entry sets it"""
+    density: Annotated[float, Quantity("kg/m^3", gt=0.0)] | None = None
+    """mass per reference volume; needed by explicit dynamics"""
+    velocity: BodyVelocity | None = None
+    """velocity with which the body enters the first explicit stage; explicit only"""
+    formulation: Formulation | None = None
+    """displacement and integration of the elements: "q1-sri" first order, selective reduced; "q1"
+    first order, full; "q2" second order, full (all bodies then); default: "q1-sri" for
+    quadrilaterals and hexahedra, "q1" for triangles and tetrahedra"""
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Mistakes in the material; `place` is where this table stands in the case."""
         return iter(())
 
     def material_of(self, runs_code: bool = True) -> Material:
-        """The strain energy of the body, and what it remembers; one in Python is run.
-
-        Raises:
-            OwnCodeError: an energy in Python cannot be used.
-        """
+        """Strain energy and what it remembers; OwnCodeError if one in Python cannot be used."""
         raise NotImplementedError
 
     @property
@@ -115,11 +106,7 @@ class _Body(Model):
         return self.material
 
     def formulation_for(self, cell: str) -> Formulation:
-        """The formulation for elements of this shape, of this body by itself.
-
-        Raises:
-            ValueError: selective reduced integration was asked for on triangles or tetrahedra.
-        """
+        """The formulation for such elements; ValueError if "q1-sri" does not go with them."""
         simplex = {"triangle": "triangles", "tetrahedron": "tetrahedra"}.get(cell)
         if simplex is not None and self.formulation == "q1-sri":
             needs = '"q1-sri" needs quadrilaterals or hexahedra'
@@ -130,18 +117,14 @@ class _Body(Model):
 class _Isotropic(_Body):
     """Two elastic constants: E and nu, or G and K."""
 
-    E: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
-        default=None, description="Young's modulus"
-    )
-    nu: Annotated[float, Quantity(gt=-1.0, lt=0.5)] | None = Field(
-        default=None, description="Poisson's ratio"
-    )
-    G: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
-        default=None, description="shear modulus (with K, instead of E and nu)"
-    )
-    K: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
-        default=None, description="bulk modulus (with G, instead of E and nu)"
-    )
+    E: Annotated[float, Quantity("Pa", gt=0.0)] | None = None
+    """Young's modulus"""
+    nu: Annotated[float, Quantity(gt=-1.0, lt=0.5)] | None = None
+    """Poisson's ratio"""
+    G: Annotated[float, Quantity("Pa", gt=0.0)] | None = None
+    """shear modulus (with K, instead of E and nu)"""
+    K: Annotated[float, Quantity("Pa", gt=0.0)] | None = None
+    """bulk modulus (with G, instead of E and nu)"""
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """A pair of constants that is missing or not one of the two."""
@@ -171,12 +154,10 @@ class _Isotropic(_Body):
 class _Shift(Model):
     """What multiplies all relaxation times by a_T at a temperature that is not theirs."""
 
-    reference: Annotated[float, Quantity("K", gt=0.0)] = Field(
-        description="temperature T_ref that prony holds at"
-    )
-    temperature: Annotated[float, Quantity("K", gt=0.0)] = Field(
-        description="temperature T of the body, all through the run"
-    )
+    reference: Annotated[float, Quantity("K", gt=0.0)]
+    """temperature T_ref that prony holds at"""
+    temperature: Annotated[float, Quantity("K", gt=0.0)]
+    """temperature T of the body, all through the run"""
 
     @property
     def log_factor(self) -> float:
@@ -198,14 +179,13 @@ class _Shift(Model):
 class WlfShift(_Shift):
     """log₁₀ a_T = −C1 (T − T_ref)/(C2 + T − T_ref)."""
 
-    law: Literal["wlf"] = Field(description="how relaxation times follow the temperature")
-    C1: Annotated[float, Quantity(gt=0.0)] = Field(
-        description="constant of log10(a_T) = -C1 (T - T_ref)/(C2 + T - T_ref), by which all "
-        "relaxation times are multiplied (Williams, Landel & Ferry)"
-    )
-    C2: Annotated[float, Quantity("kelvin", gt=0.0)] = Field(
-        description="constant of it, a difference of temperatures"
-    )
+    law: Literal["wlf"]
+    """how relaxation times follow the temperature"""
+    C1: Annotated[float, Quantity(gt=0.0)]
+    """constant of log10(a_T) = -C1 (T - T_ref)/(C2 + T - T_ref), by which all relaxation times are
+    multiplied (Williams, Landel & Ferry)"""
+    C2: Annotated[float, Quantity("kelvin", gt=0.0)]
+    """constant of it, a difference of temperatures"""
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """A temperature below the range of the law, or a factor beyond all use."""
@@ -238,11 +218,11 @@ class WlfShift(_Shift):
 class ArrheniusShift(_Shift):
     """ln a_T = E/R (1/T − 1/T_ref)."""
 
-    law: Literal["arrhenius"] = Field(description="how relaxation times follow the temperature")
-    energy: Annotated[float, Quantity("J/mol", gt=0.0)] = Field(
-        description="activation energy E of ln(a_T) = E/R (1/T - 1/T_ref), by which all relaxation "
-        "times are multiplied"
-    )
+    law: Literal["arrhenius"]
+    """how relaxation times follow the temperature"""
+    energy: Annotated[float, Quantity("J/mol", gt=0.0)]
+    """activation energy E of ln(a_T) = E/R (1/T - 1/T_ref), by which all relaxation times are
+    multiplied"""
 
     @property
     def log_factor(self) -> float:
@@ -256,15 +236,12 @@ Shift = Annotated[WlfShift | ArrheniusShift, Field(discriminator="law")]
 class MullinsTable(Model):
     """η = 1 − erf((W_m − W)/(m + beta W_m))/r, the share of the stress that is left."""
 
-    r: Annotated[float, Quantity(gt=1.0)] = Field(
-        description="1/r is the largest share of the stress that is lost"
-    )
-    m: Annotated[float, Quantity("Pa", gt=0.0)] = Field(
-        description="strain energy (J/m^3 = Pa) from whose order on the body softens"
-    )
-    beta: Annotated[float, Quantity(ge=0.0)] = Field(
-        default=0.0, description="share of the largest energy that is added to m"
-    )
+    r: Annotated[float, Quantity(gt=1.0)]
+    """1/r is the largest share of the stress that is lost"""
+    m: Annotated[float, Quantity("Pa", gt=0.0)]
+    """strain energy (J/m^3 = Pa) from whose order on the body softens"""
+    beta: Annotated[float, Quantity(ge=0.0)] = 0.0
+    """share of the largest energy that is added to m"""
 
     def law_of(self) -> Mullins:
         """The softening."""
@@ -276,27 +253,18 @@ class MullinsTable(Model):
 class Elastomer(_Body):
     """What bodies have whose resistance to distortion may relax, or soften."""
 
-    mullins: MullinsTable | None = Field(
-        default=None,
-        description="softening by the largest load that a point has had (Mullins; Ogden & "
-        "Roxburgh): below its largest energy W_m its stress is less",
-    )
+    mullins: MullinsTable | None = None
+    """softening by the largest load that a point has had (Mullins; Ogden & Roxburgh): below its
+    largest energy W_m its stress is less"""
 
-    prony: Annotated[tuple[Row, ...], Rows(_SHARE, _TIME, rising=False)] | None = Field(
-        default=None,
-        description="rows [[share, relaxation time], ...] of Maxwell branches, shares of the "
-        "instantaneous shear modulus; the bulk modulus does not relax",
-    )
-    moduli: Literal["instantaneous", "long-term"] | None = Field(
-        default=None,
-        description='what the other constants are those of: "long-term", of the body when all '
-        'branches are relaxed (the default), or "instantaneous", of a sudden deformation; with '
-        "prony",
-    )
-    shift: Shift | None = Field(
-        default=None,
-        description="factor of the relaxation times for the temperature of the run; with prony",
-    )
+    prony: Annotated[tuple[Row, ...], Rows(_SHARE, _TIME, rising=False)] | None = None
+    """rows [[share, relaxation time], ...] of Maxwell branches, shares of the instantaneous shear
+    modulus; the bulk modulus does not relax"""
+    moduli: Literal["instantaneous", "long-term"] | None = None
+    """what the other constants are those of: "long-term", of the body when all branches are relaxed
+    (the default), or "instantaneous", of a sudden deformation; with prony"""
+    shift: Shift | None = None
+    """factor of the relaxation times for the temperature of the run; with prony"""
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Shares that leave nothing, or keys that need branches."""
@@ -392,15 +360,13 @@ class ElastoPlasticBody(_Isotropic):
     """Hencky's energy of the elastic part, von Mises' yield stress, hardening both ways."""
 
     material: Literal["elastoplastic"] = _ENERGY
-    hardening: Hardening = Field(description="yield stress over the plastic strain")
-    kinematic: Kinematic = Field(
-        default=(),
-        description="branches [c, b] of the backstress, which yielding is around: at small strain "
-        "X' = 2/3 c ep' - b X alpha', so that X tends to c/b; b = 0: linear",
-    )
-    rate: Rate | None = Field(
-        default=None, description="factor of the yield stress for the rate of plastic strain"
-    )
+    hardening: Hardening
+    """yield stress over the plastic strain"""
+    kinematic: Kinematic = ()
+    """branches [c, b] of the backstress, which yielding is around: at small strain X' = 2/3 c ep' -
+    b X alpha', so that X tends to c/b; b = 0: linear"""
+    rate: Rate | None = None
+    """factor of the yield stress for the rate of plastic strain"""
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """A pair of elastic constants that is none, a yield stress that falls, a stiff branch."""
@@ -464,11 +430,7 @@ else:
 
 
 def formulations(bodies: Mapping[str, Body], cell: str) -> dict[str, Formulation]:
-    """The formulation of each body for elements of this shape; "q2" of one is that of all.
-
-    Raises:
-        ValueError: see `formulation_problems`.
-    """
+    """The formulation of each body; "q2" of one is of all; ValueError of `formulation_problems`."""
     for _, reason in formulation_problems(bodies, cell):
         raise ValueError(reason)
     if any(body.formulation == "q2" for body in bodies.values()):

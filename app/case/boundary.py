@@ -100,32 +100,22 @@ class Platen(Model):
     In some stages its displacement may be given instead, and the force follows.
     """
 
-    direction: Annotated[str | tuple[float, ...], Axis()] = Field(
-        description='direction in which the platen moves: "x", "y", "z", or the components of any '
-        "other, [x, y] or [x, y, z]; either sense of it is the same"
-    )
-    pressure: _Pressure | None = Field(
-        default=None, description="force over reference area, > 0 presses into the body (or force)"
-    )
-    force: _Force | None = Field(
-        default=None,
-        description="total force, > 0 presses into the body (or pressure); in plane strain on the "
-        "slab of the given thickness",
-    )
-    displacement: _Way | None = Field(
-        default=None,
-        description="displacement, > 0 into the body, in the stages of displacement_stages, where "
-        "it takes the place of the force",
-    )
-    displacement_stages: tuple[Text, ...] = Field(
-        default=(),
-        description="names of the stages in which the displacement is given and not the force",
-    )
-    hold_force: Flag = Field(
-        default=False,
-        description="after stages of displacement_stages, hold the force that was reached at their "
-        "end, instead of going back to pressure or force (which are not needed then)",
-    )
+    direction: Annotated[str | tuple[float, ...], Axis()]
+    """direction in which the platen moves: "x", "y", "z", or the components of any other, [x, y] or
+    [x, y, z]; either sense of it is the same"""
+    pressure: _Pressure | None = None
+    """force over reference area, > 0 presses into the body (or force)"""
+    force: _Force | None = None
+    """total force, > 0 presses into the body (or pressure); in plane strain on the slab of the
+    given thickness"""
+    displacement: _Way | None = None
+    """displacement, > 0 into the body, in the stages of displacement_stages, where it takes the
+    place of the force"""
+    displacement_stages: tuple[Text, ...] = ()
+    """names of the stages in which the displacement is given and not the force"""
+    hold_force: Flag = False
+    """after stages of displacement_stages, hold the force that was reached at their end, instead of
+    going back to pressure or force (which are not needed then)"""
     mass: _Mass = Field(default=0.0, description=_MASS)
 
     @property
@@ -166,14 +156,12 @@ class Platen(Model):
 class Spring(Model):
     """A surface moved as one in one direction, drawn by a spring whose far end is moved."""
 
-    direction: Component = Field(description="direction in which the surface moves as one")
-    stiffness: Annotated[float, Quantity("N/m", gt=0.0)] = Field(
-        description="of the spring, for the slab of the given thickness"
-    )
-    end: Travel = Field(
-        description='displacement of the spring\'s far end, or "driven": moved with the velocity '
-        "of the stage"
-    )
+    direction: Component
+    """direction in which the surface moves as one"""
+    stiffness: Annotated[float, Quantity("N/m", gt=0.0)]
+    """of the spring, for the slab of the given thickness"""
+    end: Travel
+    """displacement of the spring's far end, or "driven": moved with the velocity of the stage"""
     mass: _Mass = Field(default=0.0, description=_MASS)
 
 
@@ -211,17 +199,23 @@ class _Vector(Model):
 class Traction(_Vector):
     """Force over reference area, which keeps its direction."""
 
-    x: _Traction | None = Field(default=None, description="traction in x")
-    y: _Traction | None = Field(default=None, description="traction in y")
-    z: _Traction | None = Field(default=None, description="traction in z, in 3D")
+    x: _Traction | None = None
+    """traction in x"""
+    y: _Traction | None = None
+    """traction in y"""
+    z: _Traction | None = None
+    """traction in z, in 3D"""
 
 
 class Force(_Vector):
     """A total force, which keeps its direction."""
 
-    x: _Force | None = Field(default=None, description="force in x")
-    y: _Force | None = Field(default=None, description="force in y")
-    z: _Force | None = Field(default=None, description="force in z, in 3D")
+    x: _Force | None = None
+    """force in x"""
+    y: _Force | None = None
+    """force in y"""
+    z: _Force | None = None
+    """force in z, in 3D"""
 
     def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
         """What does not go with what the mesh stands for."""
@@ -234,24 +228,23 @@ class Force(_Vector):
 class FoundationBase(Model):
     """Displacement of what an elastic foundation stands on."""
 
-    x: Travel | None = Field(default=None, description='displacement in x, or "driven"')
-    y: Travel | None = Field(default=None, description='displacement in y, or "driven"')
-    z: Travel | None = Field(default=None, description='displacement in z, in 3D, or "driven"')
+    x: Travel | None = None
+    """displacement in x, or "driven" """
+    y: Travel | None = None
+    """displacement in y, or "driven" """
+    z: Travel | None = None
+    """displacement in z, in 3D, or "driven" """
 
 
 class Foundation(Model):
     """Springs all over a surface, per reference area."""
 
-    normal: _Stiffness = Field(
-        default=0.0, description="stiffness along the normal of the undeformed surface"
-    )
-    tangential: _Stiffness = Field(
-        default=0.0, description="stiffness across the normal of the undeformed surface"
-    )
-    base: FoundationBase = Field(
-        default=FoundationBase(),
-        description="displacement of the springs' other ends; default: they stay",
-    )
+    normal: _Stiffness = 0.0
+    """stiffness along the normal of the undeformed surface"""
+    tangential: _Stiffness = 0.0
+    """stiffness across the normal of the undeformed surface"""
+    base: FoundationBase = FoundationBase()
+    """displacement of the springs' other ends; default: they stay"""
 
     def driven_components(self) -> tuple[str, ...]:
         """Components of the base that move with the velocity of the stage."""
@@ -281,12 +274,14 @@ class Foundation(Model):
 class Gravity(_Vector):
     """The `[gravity]` table: an acceleration that acts on the mass of all bodies."""
 
-    x: _Acceleration | None = Field(default=None, description="acceleration in x")
-    y: _Acceleration | None = Field(default=None, description="acceleration in y")
-    z: _Acceleration | None = Field(default=None, description="acceleration in z, in 3D")
-    stages: tuple[Text, ...] = Field(
-        default=(), description="names of the stages in which it acts; default: all"
-    )
+    x: _Acceleration | None = None
+    """acceleration in x"""
+    y: _Acceleration | None = None
+    """acceleration in y"""
+    z: _Acceleration | None = None
+    """acceleration in z, in 3D"""
+    stages: tuple[Text, ...] = ()
+    """names of the stages in which it acts; default: all"""
 
     def section_problems(self, section: Section, place: Place) -> Iterator[Problem]:
         """What does not go with what the mesh stands for."""
@@ -304,43 +299,34 @@ _LOADS = ("pressure", "traction", "force", "foundation")
 class Boundary(Model):
     """The supports, motions and loads of one named surface, or group of edges or points."""
 
-    surface: Text = Field(
-        description="name of the surface; for displacement, velocity, rotation, spring and force "
-        "also of a group of points, or in space of edges, of the mesh"
-    )
-    displacement: Displacement | None = Field(default=None, description="prescribed displacement")
-    velocity: Velocity | None = Field(default=None, description="prescribed velocity")
-    platen: Platen | None = Field(default=None, description="rigid platen with a given force")
-    spring: Spring | None = Field(
-        default=None, description="spring that draws the surface, moved as one"
-    )
-    pressure: _Pressure | None = Field(
-        default=None,
-        description="pressure normal to the deformed surface, > 0 presses into the body",
-    )
-    traction: Traction | None = Field(
-        default=None, description="force over reference area, by components; keeps its direction"
-    )
-    force: Force | None = Field(
-        default=None,
-        description="total force by components, spread evenly over the reference area (the length "
-        "of edges, or the points); keeps its direction; in plane strain on the slab of the given "
-        "thickness",
-    )
-    foundation: Foundation | None = Field(
-        default=None, description="elastic foundation: springs all over the surface"
-    )
-    rotation: Rotation | None = Field(default=None, description="rigid rotation of the surface")
-    symmetry: Flag = Field(
-        default=False,
-        description="the flat surface is a plane of symmetry: it does not move along its normal, "
-        "and slides freely in itself",
-    )
-    stages: tuple[Text, ...] = Field(
-        default=(),
-        description="names of the stages in which all of this acts; elsewhere loads are zero and "
-        "motions free; default: all",
-    )
+    surface: Text
+    """name of the surface; for displacement, velocity, rotation, spring and force also of a group
+    of points, or in space of edges, of the mesh"""
+    displacement: Displacement | None = None
+    """prescribed displacement"""
+    velocity: Velocity | None = None
+    """prescribed velocity"""
+    platen: Platen | None = None
+    """rigid platen with a given force"""
+    spring: Spring | None = None
+    """spring that draws the surface, moved as one"""
+    pressure: _Pressure | None = None
+    """pressure normal to the deformed surface, > 0 presses into the body"""
+    traction: Traction | None = None
+    """force over reference area, by components; keeps its direction"""
+    force: Force | None = None
+    """total force by components, spread evenly over the reference area (the length of edges, or the
+    points); keeps its direction; in plane strain on the slab of the given thickness"""
+    foundation: Foundation | None = None
+    """elastic foundation: springs all over the surface"""
+    rotation: Rotation | None = None
+    """rigid rotation of the surface"""
+    symmetry: Flag = False
+    """the flat surface is a plane of symmetry: it does not move along its normal, and slides freely
+    in itself"""
+    stages: tuple[Text, ...] = ()
+    """names of the stages in which all of this acts; elsewhere loads are zero and motions free;
+    default: all"""
 
     @property
     def holds(self) -> bool:

@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from tribox.app.case import generators
 from tribox.app.case.bodies import Body, OwnBody, formulation_problems
 from tribox.app.case.boundary import (
     Boundary,
@@ -27,14 +28,6 @@ from tribox.app.case.boundary import (
 )
 from tribox.app.case.contact import DRAWN, Contact
 from tribox.app.case.friction import OwnLaw
-from tribox.app.case.generators import (
-    BlocksGeometry,
-    BoxesGeometry,
-    CylinderOnBlockGeometry,
-    PlacedBlocksGeometry,
-    SphereGeometry,
-    TwoCylindersGeometry,
-)
 from tribox.app.case.geometry import GeneratedGeometry, MeshGeometry
 from tribox.app.case.probe import Probe, probe_problems
 from tribox.app.case.solver import LONGEST_LABEL, Output, Solver, Sweep
@@ -63,12 +56,12 @@ from tribox.app.case.tools import AnyTool, MeshTool, tool_problems
 from tribox.app.case.validation import format_problem, problems_of
 
 Geometry = Annotated[
-    BlocksGeometry
-    | PlacedBlocksGeometry
-    | CylinderOnBlockGeometry
-    | TwoCylindersGeometry
-    | BoxesGeometry
-    | SphereGeometry
+    generators.BlocksGeometry
+    | generators.PlacedBlocksGeometry
+    | generators.CylinderOnBlockGeometry
+    | generators.TwoCylindersGeometry
+    | generators.BoxesGeometry
+    | generators.SphereGeometry
     | MeshGeometry,
     Field(discriminator="kind"),
 ]
@@ -83,40 +76,30 @@ class Case(Model):
     were read from does not count.
     """
 
-    title: Line = Field(default="", description="what the case is about, in one line")
-    geometry: Geometry = Field(description="shapes and mesh")
-    bodies: dict[str, Body] = Field(
-        min_length=1, description="material and element formulation of each body, [bodies.NAME]"
-    )
-    contact: tuple[Contact, ...] = Field(
-        default=(),
-        max_length=MOST_ENTRIES,
-        description="pairs of surfaces that may touch, [[contact]]; default: none",
-    )
-    tools: dict[Name, AnyTool] = Field(
-        default_factory=dict, description="rigid shapes that bodies are pressed on, [tools.NAME]"
-    )
-    boundary: tuple[Boundary, ...] = Field(
-        default=(),
-        max_length=MOST_ENTRIES,
-        description="supports, motions and loads of surfaces, [[boundary]]; needed without tools",
-    )
-    gravity: Gravity | None = Field(
-        default=None, description="acceleration of gravity, which acts on the mass of all bodies"
-    )
-    stage: tuple[Stage, ...] = Field(
-        min_length=1,
-        max_length=MOST_ENTRIES,
-        description="the parts of the run, one after the other, [[stage]]",
-    )
-    probe: tuple[Probe, ...] = Field(
-        default=(),
-        max_length=MOST_ENTRIES,
-        description="points, lines, bodies and contacts that are followed, [[probe]]",
-    )
-    solver: Solver = Field(default=Solver(), description="how the equations are solved")
-    output: Output = Field(default=Output(), description="what is written beside the history")
-    sweep: Sweep | None = Field(default=None, description="one key that is run with several values")
+    title: Line = ""
+    """what the case is about, in one line"""
+    geometry: Geometry
+    """shapes and mesh"""
+    bodies: dict[str, Body] = Field(min_length=1)
+    """material and element formulation of each body, [bodies.NAME]"""
+    contact: tuple[Contact, ...] = Field(default=(), max_length=MOST_ENTRIES)
+    """pairs of surfaces that may touch, [[contact]]; default: none"""
+    tools: dict[Name, AnyTool] = Field(default_factory=dict)
+    """rigid shapes that bodies are pressed on, [tools.NAME]"""
+    boundary: tuple[Boundary, ...] = Field(default=(), max_length=MOST_ENTRIES)
+    """supports, motions and loads of surfaces, [[boundary]]; needed without tools"""
+    gravity: Gravity | None = None
+    """acceleration of gravity, which acts on the mass of all bodies"""
+    stage: tuple[Stage, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
+    """the parts of the run, one after the other, [[stage]]"""
+    probe: tuple[Probe, ...] = Field(default=(), max_length=MOST_ENTRIES)
+    """points, lines, bodies and contacts that are followed, [[probe]]"""
+    solver: Solver = Solver()
+    """how the equations are solved"""
+    output: Output = Output()
+    """what is written beside the history"""
+    sweep: Sweep | None = None
+    """one key that is run with several values"""
 
     _source: Path | None = PrivateAttr(None)
     _past: bool = PrivateAttr(False)  # read to look at results: nothing that it names is needed
@@ -140,10 +123,7 @@ class Case(Model):
         return self.model_copy(update={"geometry": geometry})
 
     def sweep_cases(self) -> list[tuple[str, Case]]:
-        """The cases of the sweep, each with a label such as "thickness=10nm".
-
-        Returns (label, case without sweep) for each value; empty without a sweep.
-        """
+        """(label such as "thickness=10nm", case) of each value; empty without a sweep."""
         if self.sweep is None:
             return []
         return [
@@ -152,11 +132,7 @@ class Case(Model):
         ]
 
     def swept_value(self, part: Case) -> float | str | None:
-        """What one of the sweep's cases has at the swept key.
-
-        Returns a number in SI, also of a program that does not change with time, or a text; None
-        where it is neither.
-        """
+        """One of the sweep's cases at the swept key: a number in SI, also of a program, or text."""
         assert self.sweep is not None
         value = value_at(part, self.sweep.key)
         if isinstance(value, TimeTable) and len(value.times) == 1:
@@ -167,6 +143,21 @@ class Case(Model):
             body = value_at(part, self.sweep.key.removesuffix(".material"))
             value = getattr(body, "library", None) or value
         return value if isinstance(value, str) else None
+
+    def named_files(self) -> Iterator[tuple[Place, Path]]:
+        """Files that the case reads, each with its key: meshes, classes of the user's own."""
+        for key in ("mesh", "meshed") if isinstance(self.geometry, MeshGeometry) else ():
+            if (path := getattr(self.geometry, key)) is not None:
+                yield ("geometry", key), path
+        for name, tool in self.tools.items():
+            if isinstance(tool, MeshTool):
+                yield ("tools", name, "file"), tool.file
+        for number, contact in enumerate(self.contact):
+            if isinstance(contact.friction, OwnLaw):
+                yield ("contact", number, "friction", "class"), contact.friction.file
+        for name, body in self.bodies.items():
+            if isinstance(body, OwnBody):
+                yield ("bodies", name, "class"), body.file
 
     def _rebuilt(self, data: dict[str, Any]) -> Case:
         """Another case, with file names seen from the same place."""
@@ -501,19 +492,11 @@ def _rename_files(data: dict[str, Any], case: Case, files: Mapping[Path, str]) -
         file, _, name = value.rpartition(":")
         return f"{files.get(Path(file), file)}:{name}"
 
-    if isinstance(case.geometry, MeshGeometry):
-        data["geometry"]["mesh"] = renamed(case.geometry.mesh)
-        if case.geometry.meshed is not None:
-            data["geometry"]["meshed"] = renamed(case.geometry.meshed)
-    for name, tool in case.tools.items():
-        if isinstance(tool, MeshTool):
-            data["tools"][name]["file"] = renamed(tool.file)
-    for table, contact in zip(data.get("contact", ()), case.contact, strict=True):
-        if isinstance(contact.friction, OwnLaw):
-            table["friction"]["class"] = renamed(contact.friction.reference)
-    for name, body in case.bodies.items():
-        if isinstance(body, OwnBody):
-            data["bodies"][name]["class"] = renamed(body.reference)
+    for (*tables, key), path in case.named_files():
+        table: Any = data
+        for one in tables:
+            table = table[one]
+        table[key] = renamed(table[key] if key == "class" else path)
     if case.sweep is not None and case.sweep.names_files:
         parts = [part for _, part in case.sweep_cases()]
         data["sweep"]["values"] = [renamed(value_at(part, case.sweep.key)) for part in parts]

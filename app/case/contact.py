@@ -30,29 +30,23 @@ _NOT_TIED = ("film", "friction_factor", "smoothing_angle", "fade_length", "inter
 class Contact(Model):
     """One pair of surfaces."""
 
-    name: Name | None = Field(
-        default=None, description="what tables and figures call the pair; default SLAVE-MASTER"
-    )
-    slave: Text = Field(description="surface that carries the contact points (the softer body's)")
-    master: Text = Field(description="surface the points are projected on")
-    tied: Flag = Field(
-        default=False,
-        description="bond the surfaces where they lie beside each other undeformed, with their "
-        "distance: no gap opens, nothing slides. Without friction, film and what goes with them",
-    )
-    quadrature_degree: Degree | None = Field(
-        default=None,
-        description="degree of the quadrature on slave facets; default 9 in the plane (five points "
-        "per segment), or 11 (six) unless the slave is ten times softer; 5 in space",
-    )
-    pressure: Literal["averaged", "pointwise"] = Field(
-        default="averaged",
-        description='"averaged": the pressure follows from the mean gap around each vertex of the '
-        'slave facets; "pointwise": from the gap of each quadrature point, as in the paper',
-    )
-    penalty: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = Field(
-        default=None, description="normal stiffness K_N (or penalty_factor)"
-    )
+    name: Name | None = None
+    """what tables and figures call the pair; default SLAVE-MASTER"""
+    slave: Text
+    """surface that carries the contact points (the softer body's)"""
+    master: Text
+    """surface the points are projected on"""
+    tied: Flag = False
+    """bond the surfaces where they lie beside each other undeformed, with their distance: no gap
+    opens, nothing slides. Without friction, film and what goes with them"""
+    quadrature_degree: Degree | None = None
+    """degree of the quadrature on slave facets; default 9 in the plane (five points per segment),
+    or 11 (six) unless the slave is ten times softer; 5 in space"""
+    pressure: Literal["averaged", "pointwise"] = "averaged"
+    """ "averaged": the pressure follows from the mean gap around each vertex of the slave facets;
+    "pointwise": from the gap of each quadrature point, as in the paper"""
+    penalty: Annotated[float, Quantity("Pa/m", gt=0.0)] | None = None
+    """normal stiffness K_N (or penalty_factor)"""
     penalty_factor: Annotated[float, Quantity(gt=0.0)] | None = Field(
         default_factory=lambda data: (
             DEFAULT_PENALTY_FACTOR if data.get("penalty") is None else None
@@ -62,42 +56,30 @@ class Contact(Model):
         f"pressure penalty_factor * M/h; of a softer body that flows penalty_factor * 10 H/h, H "
         f"its hardness; default: {DEFAULT_PENALTY_FACTOR:g}, without penalty",
     )
-    smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
-        default=None,
-        description="smooth the master: its normals become continuous across the sides of facets "
-        "whose normals differ by less than this angle; default: the facets as they are. First "
-        "order quadrilaterals or hexahedra only",
-    )
-    fade_length: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
-        default=None,
-        description="way before an open end of the master over which the pressure fades to zero; "
-        "default: within a facet of the slave. With averaged pressure",
-    )
-    stages: tuple[Text, ...] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=MOST_ENTRIES,
-        description="names of the stages in which the surfaces feel each other; default: all",
-    )
-    interference: Annotated[TimeTable | Literal["drawn"], Program("m", word=DRAWN)] | None = Field(
-        default=None,
-        description="press or shrink fit: how much larger the surfaces are across the contact than "
-        "they are drawn; a number comes on over the first stage in which they touch, a program as "
-        'it says; less than 0 is a clearance, there from the start; "drawn": the surfaces overlap '
-        "as they are drawn, and what overlaps is pushed apart over that stage",
-    )
-    friction_factor: Annotated[float | TimeTable, NumberOrProgram("", least=0.0)] = Field(
-        default=1.0,
-        description="factor of the friction law's traction and stiffness, a number or a program "
-        "of time",
-    )
-    film: Film | None = Field(default=None, description="the film; needed by the friction-map law")
+    smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = None
+    """smooth the master: its normals become continuous across the sides of facets whose normals
+    differ by less than this angle; default: the facets as they are. First order quadrilaterals or
+    hexahedra only"""
+    fade_length: Annotated[float, Quantity("m", gt=0.0)] | None = None
+    """way before an open end of the master over which the pressure fades to zero; default: within a
+    facet of the slave. With averaged pressure"""
+    stages: tuple[Text, ...] | None = Field(default=None, min_length=1, max_length=MOST_ENTRIES)
+    """names of the stages in which the surfaces feel each other; default: all"""
+    interference: Annotated[TimeTable | Literal["drawn"], Program("m", word=DRAWN)] | None = None
+    """press or shrink fit: how much larger the surfaces are across the contact than they are drawn;
+    a number comes on over the first stage in which they touch, a program as it says; less than 0 is
+    a clearance, there from the start; "drawn": the surfaces overlap as they are drawn, and what
+    overlaps is pushed apart over that stage"""
+    friction_factor: Annotated[float | TimeTable, NumberOrProgram("", least=0.0)] = 1.0
+    """factor of the friction law's traction and stiffness, a number or a program of time"""
+    film: Film | None = None
+    """the film; needed by the friction-map law"""
     friction: Friction = Field(
         default_factory=lambda data: (
             friction_table("frictionless") if data.get("tied") else _MISSING
-        ),
-        description="the friction law and its parameters; needed unless tied",
+        )
     )
+    """the friction law and its parameters; needed unless tied"""
 
     @field_validator("friction", mode="wrap")
     @classmethod

@@ -74,72 +74,47 @@ else:
 class Film(_Flow):
     """The lubricating film of one contact; how its oil flows is declared with the rheology."""
 
-    model: Literal["given", "reynolds"] = Field(
-        default="given",
-        description='"given": the thickness is an input; "reynolds": thickness and pressure follow '
-        "from gap, speed, oil and roughness",
-    )
+    model: Literal["given", "reynolds"] = "given"
+    """ "given": the thickness is an input; "reynolds": thickness and pressure follow from gap,
+    speed, oil and roughness"""
     thickness: (
         Annotated[
             float | tuple[Row, ...],
             NumberOrTable(_PRESSURE, Quantity("m", ge=0.0, name="thickness")),
         ]
         | None
-    ) = Field(
-        default=None,
-        description="film thickness D, or a table [[pressure, thickness], ...] over the contact "
-        'pressure, linear between its rows; needed with model = "given"',
-    )
-    sigma: Annotated[float, Quantity("m", ge=0.0)] | None = Field(
-        default=None, description="rms roughness of both surfaces together; 0: smooth"
-    )
-    asperities: Literal["exponential", "greenwood-tripp", "table"] = Field(
-        default="exponential", description="law of the pressure that asperities carry"
-    )
-    c: Annotated[float, Quantity(gt=0.0)] = Field(
-        default=0.375, description="exponential: p_a = c E* exp(-g/u_0)"
-    )
-    u_0: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
-        default=None, description="exponential: see c; default: sigma"
-    )
-    K: Annotated[float, Quantity(gt=0.0)] | None = Field(
-        default=None,
-        description="greenwood-tripp: K' of p_a = K' E* F_5/2(g/sigma), needed with it",
-    )
-    table: Annotated[tuple[Row, ...], Rows(_SEPARATION, _PRESSURE)] | None = Field(
-        default=None,
-        description="table: [[g/sigma, p_a], ...], falling to 0 in its last row, needed with it",
-    )
-    oil: Annotated[float | str, _OilType()] | None = Field(
-        default=None,
-        description='oil on the slave at the start, mass per area, or "flooded"; needed with '
-        'model = "reynolds"',
-    )
-    density: Annotated[float, Quantity("kg/m^3", gt=0.0)] | None = Field(
-        default=None, description="of the oil; needed with a mass of it"
-    )
-    share: Literal["contact", "map"] | None = Field(
-        default=None,
-        description='"contact": asperities rub under their own pressure, the film shears; "map": '
-        "the friction-map law is given that pressure and the film; no default, needed with "
-        'model = "reynolds"',
-    )
-    gamma: Annotated[float, Quantity(ge=0.0)] = Field(
-        default=1.0,
-        description="flow factor of Patir & Cheng for roughness along and across the flow in this "
-        "ratio: 1/9, 1/6, 1/3, 1, 3, 6 or 9; 0: none",
-    )
-    h_max: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
-        default=None,
-        description="gap beyond which oil is only kept on the slave; default: 100 sigma",
-    )
-    steady: Flag = Field(
-        default=False, description="each step is the steady state of its speed: nothing is stored"
-    )
-    cells: Annotated[int, Field(ge=1, le=16)] = Field(
-        default=4,
-        description="cells of the film on each facet of the slave, which resolve its inlet",
-    )
+    ) = None
+    """film thickness D, or a table [[pressure, thickness], ...] over the contact pressure, linear
+    between its rows; needed with model = "given" """
+    sigma: Annotated[float, Quantity("m", ge=0.0)] | None = None
+    """rms roughness of both surfaces together; 0: smooth"""
+    asperities: Literal["exponential", "greenwood-tripp", "table"] = "exponential"
+    """law of the pressure that asperities carry"""
+    c: Annotated[float, Quantity(gt=0.0)] = 0.375
+    """exponential: p_a = c E* exp(-g/u_0)"""
+    u_0: Annotated[float, Quantity("m", gt=0.0)] | None = None
+    """exponential: see c; default: sigma"""
+    K: Annotated[float, Quantity(gt=0.0)] | None = None
+    """greenwood-tripp: K' of p_a = K' E* F_5/2(g/sigma), needed with it"""
+    table: Annotated[tuple[Row, ...], Rows(_SEPARATION, _PRESSURE)] | None = None
+    """table: [[g/sigma, p_a], ...], falling to 0 in its last row, needed with it"""
+    oil: Annotated[float | str, _OilType()] | None = None
+    """oil on the slave at the start, mass per area, or "flooded"; needed with model =
+    "reynolds" """
+    density: Annotated[float, Quantity("kg/m^3", gt=0.0)] | None = None
+    """of the oil; needed with a mass of it"""
+    share: Literal["contact", "map"] | None = None
+    """ "contact": asperities rub under their own pressure, the film shears; "map": the friction-map
+    law is given that pressure and the film; no default, needed with model = "reynolds" """
+    gamma: Annotated[float, Quantity(ge=0.0)] = 1.0
+    """flow factor of Patir & Cheng for roughness along and across the flow in this ratio: 1/9, 1/6,
+    1/3, 1, 3, 6 or 9; 0: none"""
+    h_max: Annotated[float, Quantity("m", gt=0.0)] | None = None
+    """gap beyond which oil is only kept on the slave; default: 100 sigma"""
+    steady: Flag = False
+    """each step is the steady state of its speed: nothing is stored"""
+    cells: Annotated[int, Field(ge=1, le=16)] = 4
+    """cells of the film on each facet of the slave, which resolve its inlet"""
 
     @property
     def is_unknown(self) -> bool:
@@ -249,11 +224,7 @@ class Film(_Flow):
         return RoughGap(self.sigma, self.gamma or None)
 
     def asperity_law(self, modulus: float) -> Asperities:
-        """What asperities carry, with E*, Pa, of both bodies together.
-
-        Raises:
-            ValueError: the values do not fit together; the message says how.
-        """
+        """What asperities carry, with E*, Pa, of the pair; ValueError if values do not fit."""
         from tribox.forms.film.roughness import (
             AsperityTable,
             Exponential,

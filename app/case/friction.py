@@ -64,10 +64,7 @@ class LawTable(DeclaredTable):
 
 
 class OwnLaw(NamesAClass):
-    """A friction law of the user's own, written in Python.
-
-    The case only names it: the file is run by :meth:`friction_law`, when a run is built.
-    """
+    """A friction law of the user's own; its file is run by :meth:`friction_law` only."""
 
     law: Literal["python"] = _LAW
 
@@ -77,11 +74,7 @@ class OwnLaw(NamesAClass):
         return False
 
     def friction_law(self, time: float = 0.0, dim: int = 2) -> FrictionLaw:
-        """The law that the class makes; this runs the user's code.
-
-        Raises:
-            OwnCodeError: there is no such file or class, or it makes no friction law.
-        """
+        """The law, for which the user's code is run; OwnCodeError if there is none."""
         return load_own_law(self.reference, self.parameters, dim)
 
     def resolved(self, scales: Scales) -> OwnLaw:

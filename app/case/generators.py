@@ -31,26 +31,22 @@ _Length = Annotated[float, Quantity("m", gt=0.0)]
 class _Graded(Model):
     """What a block and a box of two have."""
 
-    width: _Length = Field(description="extent in x")
-    height: _Length = Field(description="extent in y, upwards")
-    size: _Length | None = Field(
-        default=None,
-        description="largest element width (and depth), and height where they are least high (or "
-        "elements)",
-    )
-    grading: Annotated[float, Quantity(gt=0.0)] = Field(
-        default=1.0,
-        description="element height at the far side over that at the contact side; "
-        "above 1 refines towards the contact",
-    )
+    width: _Length
+    """extent in x"""
+    height: _Length
+    """extent in y, upwards"""
+    size: _Length | None = None
+    """largest element width (and depth), and height where they are least high (or elements)"""
+    grading: Annotated[float, Quantity(gt=0.0)] = 1.0
+    """element height at the far side over that at the contact side; above 1 refines towards the
+    contact"""
 
 
 class BlockSize(_Graded):
     """One block of the two-block generator."""
 
-    elements: tuple[Elements, Elements] | None = Field(
-        default=None, description="number of elements along x and y (this or size)"
-    )
+    elements: tuple[Elements, Elements] | None = None
+    """number of elements along x and y (this or size)"""
 
 
 class BlocksGeometry(PlaneGeometry):
@@ -58,19 +54,18 @@ class BlocksGeometry(PlaneGeometry):
 
     sizes_by: ClassVar[str] = "elements or size of upper and lower"
 
-    kind: Literal["two-blocks"] = Field(description="which generator makes the mesh")
+    kind: Literal["two-blocks"]
+    """which generator makes the mesh"""
     section: PlaneSection = Field(default="plane-strain", description=SECTION)
-    upper: BlockSize = Field(description='the upper block, body "elastomer"')
-    lower: BlockSize = Field(description='the lower block, body "aluminium"')
-    offset: Annotated[float, Quantity("m")] = Field(
-        default_factory=lambda data: _centred(data),
-        description="x of the upper block's left side, from the lower block's left side; "
-        "default: the blocks are centred, with axial symmetry 0",
-    )
-    gap: Annotated[float, Quantity("m", ge=0.0)] = Field(
-        default=0.0,
-        description="distance between the blocks at the start; 0 lets them touch exactly",
-    )
+    upper: BlockSize
+    """the upper block, body "elastomer" """
+    lower: BlockSize
+    """the lower block, body "aluminium" """
+    offset: Annotated[float, Quantity("m")] = Field(default_factory=lambda data: _centred(data))
+    """x of the upper block's left side, from the lower block's left side; default: the blocks are
+    centred, with axial symmetry 0"""
+    gap: Annotated[float, Quantity("m", ge=0.0)] = 0.0
+    """distance between the blocks at the start; 0 lets them touch exactly"""
 
     @property
     def built_section(self) -> Section:
@@ -133,40 +128,38 @@ def _centred(data: dict[str, Any]) -> float:
 class _ZoneSize(Model):
     """How finely one body of a line contact is meshed, where it differs from the other."""
 
-    contact_width: _Length | None = Field(
-        default=None, description="width of this body's contact zone; default: geometry's"
-    )
-    contact_size: _Length | None = Field(
-        default=None, description="element width in this body's contact zone; default: geometry's"
-    )
+    contact_width: _Length | None = None
+    """width of this body's contact zone; default: geometry's"""
+    contact_size: _Length | None = None
+    """element width in this body's contact zone; default: geometry's"""
 
 
 class CylinderSize(_ZoneSize):
     """A cylinder, cut in half, of the line-contact generators."""
 
-    radius: _Length = Field(description="radius; the flat side of the half is the far side")
+    radius: _Length
+    """radius; the flat side of the half is the far side"""
 
 
 class FlatSize(_ZoneSize):
     """The block under a cylinder."""
 
-    width: _Length = Field(description="extent in x")
-    height: _Length = Field(description="extent in y")
+    width: _Length
+    """extent in x"""
+    height: _Length
+    """extent in y"""
 
 
 class _LineGeometry(PlaneGeometry):
     """What the two line-contact generators share."""
 
-    contact_width: _Length = Field(
-        description="width of the finely meshed contact zone around the first line of contact, "
-        "which is the contact surface: the contact must stay within it"
-    )
-    contact_size: _Length = Field(
-        description="largest element width in the contact zone, and height on its surface"
-    )
-    growth: Annotated[float, Quantity(ge=1.0, le=2.0)] = Field(
-        default=1.15, description="size of an element over that of its neighbour nearer the contact"
-    )
+    contact_width: _Length
+    """width of the finely meshed contact zone around the first line of contact, which is the
+    contact surface: the contact must stay within it"""
+    contact_size: _Length
+    """largest element width in the contact zone, and height on its surface"""
+    growth: Annotated[float, Quantity(ge=1.0, le=2.0)] = 1.15
+    """size of an element over that of its neighbour nearer the contact"""
 
     def sizes(self) -> tuple[tuple[str, CylinderSize], tuple[str, CylinderSize | FlatSize]]:
         """The upper and the lower body, each with its key."""
@@ -178,11 +171,7 @@ class _LineGeometry(PlaneGeometry):
         return max(_width(size) for _, size in self.sizes())
 
     def body(self, size: CylinderSize | FlatSize) -> HalfCylinder | FlatBlock:
-        """One body as the generator takes it.
-
-        Raises:
-            ValueError: it cannot be meshed so; the message says why.
-        """
+        """One body as the generator takes it; ValueError says why it cannot be meshed so."""
         from tribox.geometry.generators.cylinders import FlatBlock, HalfCylinder
 
         zone = (size.contact_width or self.contact_width, size.contact_size or self.contact_size)
@@ -214,9 +203,12 @@ def _width(size: CylinderSize | FlatSize) -> float:
 class CylinderOnBlockGeometry(_LineGeometry):
     """A half cylinder on a block, touching at x = y = 0."""
 
-    kind: Literal["cylinder-on-block"] = Field(description="which generator makes the mesh")
-    cylinder: CylinderSize = Field(description='the half cylinder above, body "elastomer"')
-    block: FlatSize = Field(description='the block below, body "aluminium"')
+    kind: Literal["cylinder-on-block"]
+    """which generator makes the mesh"""
+    cylinder: CylinderSize
+    """the half cylinder above, body "elastomer" """
+    block: FlatSize
+    """the block below, body "aluminium" """
 
     def sizes(self) -> tuple[tuple[str, CylinderSize], tuple[str, FlatSize]]:
         """The cylinder and the block."""
@@ -226,9 +218,12 @@ class CylinderOnBlockGeometry(_LineGeometry):
 class TwoCylindersGeometry(_LineGeometry):
     """A half cylinder on another with a parallel axis, touching at x = y = 0."""
 
-    kind: Literal["two-cylinders"] = Field(description="which generator makes the mesh")
-    upper: CylinderSize = Field(description='the half cylinder above, body "elastomer"')
-    lower: CylinderSize = Field(description='the half cylinder below, body "aluminium"')
+    kind: Literal["two-cylinders"]
+    """which generator makes the mesh"""
+    upper: CylinderSize
+    """the half cylinder above, body "elastomer" """
+    lower: CylinderSize
+    """the half cylinder below, body "aluminium" """
 
     def sizes(self) -> tuple[tuple[str, CylinderSize], tuple[str, CylinderSize]]:
         """The upper and the lower cylinder."""
@@ -244,10 +239,10 @@ _Position = Annotated[float, Quantity("m")]
 class BoxSize(_Graded):
     """One box of the two-box generator."""
 
-    depth: _Length = Field(description="extent in z")
-    elements: tuple[Elements, Elements, Elements] | None = Field(
-        default=None, description="number of elements along x, y and z (this or size)"
-    )
+    depth: _Length
+    """extent in z"""
+    elements: tuple[Elements, Elements, Elements] | None = None
+    """number of elements along x, y and z (this or size)"""
 
 
 class BoxesGeometry(GeneratedGeometry):
@@ -262,18 +257,19 @@ class BoxesGeometry(GeneratedGeometry):
         "aluminium_back",
     )
 
-    kind: Literal["two-boxes"] = Field(description="which generator makes the mesh")
-    cell: SpaceCell = Field(default="hexahedron", description="shape of the elements")
-    upper: BoxSize = Field(description='the upper box, body "elastomer"')
-    lower: BoxSize = Field(description='the lower box, body "aluminium"')
-    offset: tuple[_Position, _Position] = Field(
-        default_factory=lambda data: _centred_box(data),
-        description="[x, z] of the upper box's left back corner, from that of the lower box; "
-        "default: the boxes are centred",
-    )
-    gap: Annotated[float, Quantity("m", ge=0.0)] = Field(
-        default=0.0, description="distance between the boxes at the start; 0 lets them touch"
-    )
+    kind: Literal["two-boxes"]
+    """which generator makes the mesh"""
+    cell: SpaceCell = "hexahedron"
+    """shape of the elements"""
+    upper: BoxSize
+    """the upper box, body "elastomer" """
+    lower: BoxSize
+    """the lower box, body "aluminium" """
+    offset: tuple[_Position, _Position] = Field(default_factory=lambda data: _centred_box(data))
+    """[x, z] of the upper box's left back corner, from that of the lower box; default: the boxes
+    are centred"""
+    gap: Annotated[float, Quantity("m", ge=0.0)] = 0.0
+    """distance between the boxes at the start; 0 lets them touch"""
 
     @property
     def built_section(self) -> Section:
@@ -310,14 +306,17 @@ def _centred_box(data: dict[str, Any]) -> tuple[float, float]:
 class SphereSize(Model):
     """The hemisphere of the sphere-on-block generator."""
 
-    radius: _Length = Field(description="radius of the sphere")
+    radius: _Length
+    """radius of the sphere"""
 
 
 class RoundBlockSize(Model):
     """The round block under it."""
 
-    radius: _Length = Field(description="radius of the block")
-    height: _Length = Field(description="extent in y")
+    radius: _Length
+    """radius of the block"""
+    height: _Length
+    """extent in y"""
 
 
 class SphereGeometry(GeneratedGeometry):
@@ -332,30 +331,28 @@ class SphereGeometry(GeneratedGeometry):
         "aluminium_side",
     )
 
-    kind: Literal["sphere-on-block"] = Field(description="which generator makes the mesh")
-    part: Literal["axisymmetric", "quarter", "half", "full"] = Field(
-        default="axisymmetric",
-        description='what is meshed: "axisymmetric" the half section x >= 0 in the plane; in space '
-        '"quarter" (x, z >= 0), "half" (z >= 0) or "full"',
-    )
+    kind: Literal["sphere-on-block"]
+    """which generator makes the mesh"""
+    part: Literal["axisymmetric", "quarter", "half", "full"] = "axisymmetric"
+    """what is meshed: "axisymmetric" the half section x >= 0 in the plane; in space "quarter" (x, z
+    >= 0), "half" (z >= 0) or "full" """
     cell: Literal["quadrilateral", "triangle", "hexahedron", "tetrahedron"] = Field(
         default_factory=lambda data: (
             "quadrilateral" if data.get("part") == "axisymmetric" else "hexahedron"
-        ),
-        description="shape of the elements; default: quadrilateral, in space hexahedron",
+        )
     )
-    sphere: SphereSize = Field(description='the hemisphere above, body "elastomer"')
-    block: RoundBlockSize = Field(description='the block below, body "aluminium"')
-    contact_width: _Length = Field(
-        description="width of the finely meshed zone around the first point of contact; on the "
-        "sphere it is the contact surface: the contact must stay within it"
-    )
-    contact_size: _Length = Field(
-        description="largest element width in the contact zone, and height on its surface"
-    )
-    growth: Annotated[float, Quantity(ge=1.0, le=2.0)] = Field(
-        default=1.15, description="size of an element over that of its neighbour nearer the contact"
-    )
+    """shape of the elements; default: quadrilateral, in space hexahedron"""
+    sphere: SphereSize
+    """the hemisphere above, body "elastomer" """
+    block: RoundBlockSize
+    """the block below, body "aluminium" """
+    contact_width: _Length
+    """width of the finely meshed zone around the first point of contact; on the sphere it is the
+    contact surface: the contact must stay within it"""
+    contact_size: _Length
+    """largest element width in the contact zone, and height on its surface"""
+    growth: Annotated[float, Quantity(ge=1.0, le=2.0)] = 1.15
+    """size of an element over that of its neighbour nearer the contact"""
 
     @property
     def built_section(self) -> Section:
@@ -404,20 +401,19 @@ _Grading = Annotated[float, Quantity(gt=0.0)]
 class PlacedBlockSize(Model):
     """One rectangle or box: where it lies, and how finely it is meshed."""
 
-    x: _Span = Field(description="from and to in x; with axial symmetry x is the radius")
-    y: _Span = Field(description="from and to in y")
-    z: _Span | None = Field(default=None, description="from and to in z, of boxes in space")
-    elements: tuple[Elements, ...] | None = Field(
-        default=None, description="number of elements along x and y (and z), this or size"
-    )
-    size: _Length | None = Field(
-        default=None, description="largest extent of the smallest elements (or elements)"
-    )
-    grading: tuple[_Grading, ...] | None = Field(
-        default=None,
-        description="along x and y (and z), extent of the last element over that of the first; "
-        "default: all are alike",
-    )
+    x: _Span
+    """from and to in x; with axial symmetry x is the radius"""
+    y: _Span
+    """from and to in y"""
+    z: _Span | None = None
+    """from and to in z, of boxes in space"""
+    elements: tuple[Elements, ...] | None = None
+    """number of elements along x and y (and z), this or size"""
+    size: _Length | None = None
+    """largest extent of the smallest elements (or elements)"""
+    grading: tuple[_Grading, ...] | None = None
+    """along x and y (and z), extent of the last element over that of the first; default: all are
+    alike"""
 
     @property
     def spans(self) -> list[_Span]:
@@ -425,11 +421,7 @@ class PlacedBlockSize(Model):
         return [span for span in (self.x, self.y, self.z) if span is not None]
 
     def block(self, name: str) -> PlacedBlock:
-        """The block as the generator takes it.
-
-        Raises:
-            ValueError: it cannot be meshed so; the message says why.
-        """
+        """The block as the generator takes it; ValueError says why it cannot be meshed so."""
         from tribox.geometry.generators.blocks import PlacedBlock
 
         low, high = zip(*self.spans, strict=True)
@@ -441,20 +433,16 @@ class PlacedBlocksGeometry(GeneratedGeometry):
 
     sizes_by: ClassVar[str] = "elements or size of the blocks"
 
-    kind: Literal["blocks"] = Field(description="which generator makes the mesh")
-    blocks: dict[Name, PlacedBlockSize] = Field(
-        min_length=1,
-        description="one table [geometry.blocks.NAME] for each body; its sides are the surfaces "
-        "NAME_left, NAME_right, NAME_bottom, NAME_top (and NAME_back, NAME_front)",
-    )
-    groups: dict[Name, tuple[Text, ...]] = Field(
-        default={},
-        description="points and edges with names of their own, for [[boundary]]: each is where the "
-        "sides of one block meet that it lists, two in the plane, two (an edge) or three in space",
-    )
-    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
-        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
-    )
+    kind: Literal["blocks"]
+    """which generator makes the mesh"""
+    blocks: dict[Name, PlacedBlockSize] = Field(min_length=1)
+    """one table [geometry.blocks.NAME] for each body; its sides are the surfaces NAME_left,
+    NAME_right, NAME_bottom, NAME_top (and NAME_back, NAME_front)"""
+    groups: dict[Name, tuple[Text, ...]] = Field(default={})
+    """points and edges with names of their own, for [[boundary]]: each is where the sides of one
+    block meet that it lists, two in the plane, two (an edge) or three in space"""
+    thickness: Annotated[float, Quantity("m", gt=0.0)] = 1.0
+    """thickness of the plane-strain slab for which forces are reported"""
     section: PlaneSection = Field(
         default="plane-strain", description=f"{SECTION}; of blocks in the plane"
     )
@@ -463,9 +451,9 @@ class PlacedBlocksGeometry(GeneratedGeometry):
             "hexahedron"
             if any(block.z is not None for block in (data.get("blocks") or {}).values())
             else "quadrilateral"
-        ),
-        description="shape of the elements; default: quadrilateral, in space hexahedron",
+        )
     )
+    """shape of the elements; default: quadrilateral, in space hexahedron"""
 
     @property
     def _in_space(self) -> bool:

@@ -147,10 +147,10 @@ class GeneratedGeometry(Model):
 class PlaneGeometry(GeneratedGeometry):
     """What the generators of plane meshes have."""
 
-    cell: Cell = Field(default="quadrilateral", description="shape of the elements")
-    thickness: Annotated[float, Quantity("m", gt=0.0)] = Field(
-        default=1.0, description="thickness of the plane-strain slab for which forces are reported"
-    )
+    cell: Cell = "quadrilateral"
+    """shape of the elements"""
+    thickness: Annotated[float, Quantity("m", gt=0.0)] = 1.0
+    """thickness of the plane-strain slab for which forces are reported"""
 
     @property
     def built_section(self) -> Section:
@@ -166,11 +166,11 @@ class PlaneGeometry(GeneratedGeometry):
 class MeshGeometry(Model):
     """A mesh made by the user, with named physical groups for bodies and surfaces."""
 
-    kind: Literal["file"] = Field(default="file", description="may be left out where mesh is given")
-    mesh: Path = Field(
-        description="gmsh file (.msh) or drawing (.geo, .step, .stp), relative to the case file; "
-        "the names of its physical groups are those of bodies and surfaces"
-    )
+    kind: Literal["file"] = "file"
+    """may be left out where mesh is given"""
+    mesh: Path
+    """gmsh file (.msh) or drawing (.geo, .step, .stp), relative to the case file; the names of its
+    physical groups are those of bodies and surfaces"""
     size: Length | None = Field(
         default=None, description=f"largest element size; {_DRAWINGS}; default: the drawing's own"
     )
@@ -195,24 +195,17 @@ class MeshGeometry(Model):
         default=None,
         description=f"names of faces (in the plane curves): likewise, points on them; {_DRAWINGS}",
     )
-    meshed: Path | None = Field(
-        default=None,
-        description="mesh that was made of the drawing and is read instead: in the case.toml of "
-        "results",
-    )
-    scale: Scale | None = Field(
-        default=None,
-        description='unit of the coordinates in the file, such as "mm", or its size in m; default: '
-        "m, with a note where the mesh is so large that another one is likely",
-    )
+    meshed: Path | None = None
+    """mesh that was made of the drawing and is read instead: in the case.toml of results"""
+    scale: Scale | None = None
+    """unit of the coordinates in the file, such as "mm", or its size in m; default: m, with a note
+    where the mesh is so large that another one is likely"""
     max_cells: MaxCells = MOST_CELLS
     section: PlaneSection | None = Field(
         default=None, description=f"{SECTION}; default: plane-strain"
     )
-    thickness: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
-        default=None,
-        description="thickness of the plane-strain slab for which forces are reported; default 1 m",
-    )
+    thickness: Annotated[float, Quantity("m", gt=0.0)] | None = None
+    """thickness of the plane-strain slab for which forces are reported; default 1 m"""
 
     @property
     def is_drawing(self) -> bool:
@@ -259,11 +252,7 @@ class MeshGeometry(Model):
         return self.section
 
     def section_in(self, dim: int) -> Section:
-        """What the mesh stands for, ``dim`` being its dimension.
-
-        Raises:
-            ValueError: a key does not go with it; the message names it.
-        """
+        """What a mesh of dimension ``dim`` stands for; ValueError names a key that does not go."""
         if dim == 3 and self.section is not None:
             raise ValueError(f'section = "{self.section}": the mesh is in 3D; leave it out')
         if dim == 3 and self.thickness is not None:
@@ -281,10 +270,7 @@ class MeshGeometry(Model):
     @field_validator("mesh", "meshed", mode="before")
     @classmethod
     def _find(cls, value: object, info: ValidationInfo) -> Path:
-        """Make the path absolute, seen from the case file, and see that it is there.
-
-        A run that is over (``past``) no longer needs it.
-        """
+        """See that the file is there, unless the run is over (``past``); its absolute path."""
         return found_file(value, info.context or {}, "a mesh file")
 
     @field_serializer("mesh", "meshed")

@@ -125,11 +125,7 @@ def listing() -> list[str]:
 
 
 def description(name: str) -> list[str]:
-    """Lines on one entry: each number with its source.
-
-    Raises:
-        InputError: there is no such entry; the message names near ones.
-    """
+    """Lines on one entry: each number with its source; InputError if there is none."""
     if name not in entries():
         raise InputError(f'materials "{name}": {_unknown(name)}')
     entry = entries()[name]

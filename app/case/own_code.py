@@ -44,9 +44,8 @@ CLOSE = 0.01  # relative difference of the moduli that a case gives from those o
 class NamesAClass(_NamesAClass):
     """A table of the case that names a class of the user's own, and what it is called with."""
 
-    parameters: dict[str, Any] = Field(
-        default={}, description="what the class is called with, by name, as it stands here"
-    )
+    parameters: dict[str, Any] = Field(default={})
+    """what the class is called with, by name, as it stands here"""
 
     @field_validator("class")
     @classmethod
@@ -67,10 +66,7 @@ class NamesAClass(_NamesAClass):
         return Path(self.reference.rpartition(":")[0])
 
     def file_problems(self, place: Place) -> list[Problem]:
-        """Whether the file is there, `place` being this table's place in the case.
-
-        What is in it shows only when it is run.
-        """
+        """Whether the file is there, at `place`; what is in it shows only when it is run."""
         try:
             split_reference(self.reference)
         except OwnCodeError as error:
@@ -91,14 +87,7 @@ class OwnCodeError(ValueError):
 
 
 def split_reference(reference: str) -> tuple[Path, str]:
-    """File and class of a reference; the file is there, and is not looked into.
-
-    Args:
-        reference: "file.py:Class".
-
-    Raises:
-        OwnCodeError: it is no such reference, or there is no such file.
-    """
+    """File and class of "file.py:Class", which is not looked into; OwnCodeError if none there."""
     file, colon, name = reference.rpartition(":")
     if not (colon and file.endswith(".py") and name.isidentifier()):
         raise OwnCodeError('must be "file.py:Class"')
@@ -113,15 +102,10 @@ def split_reference(reference: str) -> tuple[Path, str]:
 
 
 def load_own_law(reference: str, parameters: Mapping[str, Any], dim: int = 2) -> GuardedLaw:
-    """An instance of the class, called with the parameters; this runs the user's code.
+    """An instance of the class "file.py:Class", called with the parameters; this runs its code.
 
-    Args:
-        reference: "file.py:Class".
-
-    Raises:
-        OwnCodeError: there is no such file or class, it cannot be made, or it is no friction law:
-            a method is missing, fails in a step, or answers with arrays of another shape. The
-            message names the line of the file.
+    OwnCodeError, naming the line of the file, if it cannot be made, or is no friction law: a method
+    is missing, fails in a step, or answers with arrays of another shape.
     """
     from tribox.forms.friction.guarded_law import METHODS, GuardedLaw
 
@@ -217,11 +201,7 @@ class OwnMaterial:
         return replace(self, shear_modulus=share * self.shear_modulus, share=share)
 
     def parameters(self) -> dict[str, float]:
-        """Values of the constants in the energy, by name.
-
-        Raises:
-            OwnCodeError: the class does not give them as numbers.
-        """
+        """Values of the constants in the energy, by name; OwnCodeError if they are no numbers."""
         found = self._asked(self.own.parameters)
         if not isinstance(found, Mapping):
             raise OwnCodeError(f"parameters() must return a dict, found {type(found).__name__}")
@@ -232,11 +212,7 @@ class OwnMaterial:
         return given if self.share == 1.0 else given | {SHARE: self.share}
 
     def energy(self, k: Kinematics, c: dict[str, Any]) -> tuple[Any, Any]:
-        """The distortional and the volumetric part, J/m³.
-
-        Raises:
-            OwnCodeError: the class does not give two scalars of UFL.
-        """
+        """Distortional and volumetric part, J/m³; OwnCodeError if they are no scalars of UFL."""
         import ufl
 
         found = self._asked(lambda: self.own.energy(k, c))
@@ -272,16 +248,9 @@ class OwnMaterial:
 def load_own_material(
     reference: str, parameters: Mapping[str, Any], shear_modulus: float, bulk_modulus: float
 ) -> OwnMaterial:
-    """A strain energy in Python; this runs the user's code.
+    """A strain energy in Python; this runs the user's code "file.py:Class".
 
-    Args:
-        reference: "file.py:Class".
-        shear_modulus: Pa, and
-        bulk_modulus: Pa, what the case says of the undeformed material.
-
-    Raises:
-        OwnCodeError: there is no such file or class, it is no strain energy of J, I1 and I2, the
-            undeformed body is under stress, or has other moduli.
+    OwnCodeError if there is none of J, I1 and I2, stressless at rest and of these moduli, Pa.
     """
     from tribox.forms.bodies.own_energy import at_rest
 

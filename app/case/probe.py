@@ -35,8 +35,10 @@ else:
 class ProbeLine(_NamesFrom):
     """Points at equal distances on a straight line in the undeformed mesh."""
 
-    to: Point = Field(description="last point, [x, y] or [x, y, z], undeformed")
-    points: Points = Field(description="number of points, the ends included; at least 2")
+    to: Point
+    """last point, [x, y] or [x, y, z], undeformed"""
+    points: Points
+    """number of points, the ends included; at least 2"""
 
     @property
     def start(self) -> Point:
@@ -54,51 +56,36 @@ class ProbeLine(_NamesFrom):
 class Probe(Model):
     """One thing that is followed: a point, a line, a body, or the contact of a pair."""
 
-    name: Name = Field(description="what the tables call it; each probe its own")
-    point: Point | None = Field(
-        default=None, description="one place, [x, y] or [x, y, z], undeformed"
-    )
-    at: Literal["interpolated", "node"] = Field(
-        default="interpolated",
-        description='"interpolated": the material point at this place; "node": the nearest node of '
-        "the displacement, reported where it is; with point only",
-    )
-    line: ProbeLine | None = Field(default=None, description="points on a line, undeformed")
-    body: Text | None = Field(
-        default=None,
-        description="alone: averages, extremes and energy of this body; with point or line: the "
-        "body they lie in, needed where two bodies touch",
-    )
-    contact: Text | None = Field(
-        default=None, description="name of a contact pair, along whose slave surface values are"
-    )
-    points: Points | None = Field(
-        default=None,
-        description="number of points at equal distances along the slave surface, in the plane; "
-        "default: its vertices; with contact only",
-    )
+    name: Name
+    """what the tables call it; each probe its own"""
+    point: Point | None = None
+    """one place, [x, y] or [x, y, z], undeformed"""
+    at: Literal["interpolated", "node"] = "interpolated"
+    """ "interpolated": the material point at this place; "node": the nearest node of the
+    displacement, reported where it is; with point only"""
+    line: ProbeLine | None = None
+    """points on a line, undeformed"""
+    body: Text | None = None
+    """alone: averages, extremes and energy of this body; with point or line: the body they lie in,
+    needed where two bodies touch"""
+    contact: Text | None = None
+    """name of a contact pair, along whose slave surface values are"""
+    points: Points | None = None
+    """number of points at equal distances along the slave surface, in the plane; default: its
+    vertices; with contact only"""
 
-    surface: Text | None = Field(
-        default=None,
-        description="named surface, in the plane: the line of its nodes, with angle, radius and "
-        "thickness",
-    )
-    opposite: Text | None = Field(
-        default=None,
-        description="named surface on the other side of the sheet, which the thickness is the "
-        "distance to; with surface only",
-    )
-    straight: tuple[_Piece, _Piece] | None = Field(
-        default=None,
-        description="two pieces [[from, to], [from, to]] of the line, by undeformed arc length "
-        "from its left end, between whose directions the angle is; default: between the tangents "
-        "at its ends; with surface only",
-    )
-    bend: _Piece | None = Field(
-        default=None,
-        description="piece [from, to] of the line, by undeformed arc length, that the circle is "
-        "fitted to; default: that between the straight pieces, or all; with surface only",
-    )
+    surface: Text | None = None
+    """named surface, in the plane: the line of its nodes, with angle, radius and thickness"""
+    opposite: Text | None = None
+    """named surface on the other side of the sheet, which the thickness is the distance to; with
+    surface only"""
+    straight: tuple[_Piece, _Piece] | None = None
+    """two pieces [[from, to], [from, to]] of the line, by undeformed arc length from its left end,
+    between whose directions the angle is; default: between the tangents at its ends; with surface
+    only"""
+    bend: _Piece | None = None
+    """piece [from, to] of the line, by undeformed arc length, that the circle is fitted to;
+    default: that between the straight pieces, or all; with surface only"""
 
     @property
     def kind(self) -> Kind:

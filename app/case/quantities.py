@@ -124,16 +124,9 @@ def _expected(unit: str) -> str:
 
 
 def parse_quantity(value: object, unit: str) -> float:
-    """Value of a quantity in SI.
+    """Value of a quantity, a number or text "number unit", in SI; finite.
 
-    Returns a finite float in `unit`.
-
-    Args:
-        value: number (taken as SI) or text "number unit".
-        unit: SI unit of the result, such as "m", "Pa*s", or "" for a plain number.
-
-    Raises:
-        QuantityError: not a number, unknown unit, wrong dimension, or not finite.
+    QuantityError if it is none, or not of the dimension of ``unit``, "" for a plain number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise QuantityError(_expected(unit))
@@ -147,11 +140,7 @@ def parse_quantity(value: object, unit: str) -> float:
 
 
 def parse_bounded(value: object, unit: str) -> float:
-    """As :func:`parse_quantity`, of a size up to `LARGEST`.
-
-    Raises:
-        QuantityError: as there, or 1e300 m, say.
-    """
+    """As :func:`parse_quantity`, of a size up to `LARGEST`; QuantityError beyond it."""
     number = parse_quantity(value, unit)
     if abs(number) > LARGEST:
         raise QuantityError(f"must be of a size up to {LARGEST:g} {unit}".rstrip())
@@ -176,11 +165,7 @@ def _parse_text(text: str, unit: str) -> float:
 
 
 def split_quantity(value: object) -> tuple[float, str]:
-    """Number and unit of a quantity as it was written; the unit is "" where there is none.
-
-    Raises:
-        QuantityError: neither a finite number nor text that begins with one.
-    """
+    """Number and unit ("" without) of a quantity as it was written; QuantityError if it is none."""
     if isinstance(value, str) and (match := _NUMBER_AND_UNIT.fullmatch(value.strip())) is not None:
         number, unit = float(match[1]), match[2]
         return parse_quantity(number, ""), unit
@@ -204,11 +189,7 @@ class Written:
     __slots__ = ()
 
     def parse(self, value: Any) -> Any:
-        """What stands for it in a case.
-
-        Raises:
-            QuantityError, PydanticCustomError: it is not allowed; the message says what is.
-        """
+        """What stands for it in a case; QuantityError or PydanticCustomError say what may be."""
         raise NotImplementedError
 
     def serialise(self, value: Any) -> object:

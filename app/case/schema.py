@@ -135,11 +135,7 @@ _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 
 
 def unit_pattern(unit: str) -> str:
-    """Regular expression (of ECMAScript, Python and Rust) of a quantity given as text.
-
-    Args:
-        unit: SI unit of the quantity, "" for a plain number.
-    """
+    """Regular expression (ECMAScript, Python, Rust) of a quantity in an SI unit, as text."""
     # Without a blank the unit does not begin with what could be part of the number.
     written = r"(?:\s+\S.*|[^\s0-9.eE+\-].*|[eE][^0-9+\-].*)"
     optional = "" if unit else "?"  # Text without a unit is no quantity that has one.

@@ -55,19 +55,14 @@ PetscValue = Annotated[
 class MassScaling(Model):
     """Mass added so that an explicit step may be longer."""
 
-    kind: Literal["uniform", "limiting"] = Field(
-        default="limiting",
-        description='"uniform" raises every density by a factor, "limiting" adds mass only to the '
-        "elements that would ask for a shorter step than `step`",
-    )
-    factor: Annotated[float, Quantity(ge=1.0)] | None = Field(
-        default=None, description="factor of all densities; with uniform"
-    )
-    step: Annotated[float, Quantity("s", gt=0.0)] | None = Field(
-        default=None,
-        description="time step, before step_safety, that the mass has to allow; needed with "
-        "limiting, instead of a factor with uniform",
-    )
+    kind: Literal["uniform", "limiting"] = "limiting"
+    """ "uniform" raises every density by a factor, "limiting" adds mass only to the elements that
+    would ask for a shorter step than `step`"""
+    factor: Annotated[float, Quantity(ge=1.0)] | None = None
+    """factor of all densities; with uniform"""
+    step: Annotated[float, Quantity("s", gt=0.0)] | None = None
+    """time step, before step_safety, that the mass has to allow; needed with limiting, instead of a
+    factor with uniform"""
 
     def problems(self, place: Place) -> Iterator[Problem]:
         """Keys that do not fit together; `place` is where this table stands in the case."""
@@ -88,48 +83,32 @@ EXPLICIT_KEYS = ("step_safety", "damping", "mass_scaling", "kinetic_limit")
 class Solver(Model):
     """How the equations are solved."""
 
-    kind: Literal["implicit", "explicit"] = Field(
-        default="implicit",
-        description="time integration: implicit quasi-static, or explicit dynamic (stages may "
-        "choose for themselves)",
-    )
-    tolerance: Annotated[float, Quantity(gt=0.0, lt=1.0)] = Field(
-        default=1e-8,
-        description="residual at which a step is solved, relative to the contact force",
-    )
-    max_iterations: Count = Field(default=25, description="most Newton iterations in one attempt")
-    min_step_fraction: Annotated[float, Quantity(gt=0.0, le=1.0)] = Field(
-        default=1e-4, description="smallest part of a step that is tried before giving up"
-    )
-    linear: Literal["auto", "direct", "krylov"] = Field(
-        default="auto",
-        description="linear solver: MUMPS, or GMRES with algebraic multigrid; auto: by size, "
-        "and MUMPS where iterations take too long",
-    )
-    partition: Literal["contact", "cells"] = Field(
-        default="contact",
-        description="what ranks share out evenly: cells and slave facets, or cells only",
-    )
-    petsc: dict[Text, PetscValue] = Field(
-        default={},
-        description='PETSc options of the implicit solver: name without "-", and a number, true, '
-        "false or a word; those that print, name files or run code are refused",
-    )
+    kind: Literal["implicit", "explicit"] = "implicit"
+    """time integration: implicit quasi-static, or explicit dynamic (stages may choose for
+    themselves)"""
+    tolerance: Annotated[float, Quantity(gt=0.0, lt=1.0)] = 1e-8
+    """residual at which a step is solved, relative to the contact force"""
+    max_iterations: Count = 25
+    """most Newton iterations in one attempt"""
+    min_step_fraction: Annotated[float, Quantity(gt=0.0, le=1.0)] = 1e-4
+    """smallest part of a step that is tried before giving up"""
+    linear: Literal["auto", "direct", "krylov"] = "auto"
+    """linear solver: MUMPS, or GMRES with algebraic multigrid; auto: by size, and MUMPS where
+    iterations take too long"""
+    partition: Literal["contact", "cells"] = "contact"
+    """what ranks share out evenly: cells and slave facets, or cells only"""
+    petsc: dict[Text, PetscValue] = Field(default={})
+    """PETSc options of the implicit solver: name without "-", and a number, true, false or a word;
+    those that print, name files or run code are refused"""
 
-    step_safety: Annotated[float, Quantity(gt=0.0, le=1.0)] = Field(
-        default=0.9, description="time step over the stable step; explicit only"
-    )
-    damping: Annotated[float, Quantity("1/s", ge=0.0)] = Field(
-        default=0.0, description="c of the mass-proportional damping force c m v; explicit only"
-    )
-    mass_scaling: MassScaling | None = Field(
-        default=None, description="mass added for a longer step; explicit only"
-    )
-    kinetic_limit: Annotated[float, Quantity(gt=0.0)] = Field(
-        default=0.05,
-        description="kinetic over strain energy above which a run with scaled mass warns; "
-        "explicit only",
-    )
+    step_safety: Annotated[float, Quantity(gt=0.0, le=1.0)] = 0.9
+    """time step over the stable step; explicit only"""
+    damping: Annotated[float, Quantity("1/s", ge=0.0)] = 0.0
+    """c of the mass-proportional damping force c m v; explicit only"""
+    mass_scaling: MassScaling | None = None
+    """mass added for a longer step; explicit only"""
+    kinetic_limit: Annotated[float, Quantity(gt=0.0)] = 0.05
+    """kinetic over strain energy above which a run with scaled mass warns; explicit only"""
 
     @field_validator("petsc")
     @classmethod
@@ -158,36 +137,27 @@ class Solver(Model):
 class Output(Model):
     """The files that are written beside the history."""
 
-    fields_every: CountOrZero = Field(
-        default=1,
-        description="steps between two outputs of the fields; 0 writes them only at the end of "
-        "each stage and velocity",
-    )
-    figures: Flag = Field(default=True, description="whether figures are drawn at the end")
-    checkpoint_every: CountOrZero = Field(
-        default=0, description="steps between two checkpoints; 0 for none by steps"
-    )
-    checkpoint_interval: Annotated[float, Quantity("s", gt=0.0)] = Field(
-        default=600.0,
-        description="time on the clock between two checkpoints; one is written in any case when a "
-        "run ends, is stopped or fails",
-    )
-    checkpoints_kept: CountOrZero = Field(
-        default=2, description="checkpoints that are kept, the latest; 0 writes none"
-    )
+    fields_every: CountOrZero = 1
+    """steps between two outputs of the fields; 0 writes them only at the end of each stage and
+    velocity"""
+    figures: Flag = True
+    """whether figures are drawn at the end"""
+    checkpoint_every: CountOrZero = 0
+    """steps between two checkpoints; 0 for none by steps"""
+    checkpoint_interval: Annotated[float, Quantity("s", gt=0.0)] = 600.0
+    """time on the clock between two checkpoints; one is written in any case when a run ends, is
+    stopped or fails"""
+    checkpoints_kept: CountOrZero = 2
+    """checkpoints that are kept, the latest; 0 writes none"""
 
 
 class Sweep(Model):
     """One key of the case, run with several values."""
 
-    key: Text = Field(
-        description="dotted key to change, list entries by number, such as contact.0.film.thickness"
-    )
-    values: tuple[Any, ...] = Field(
-        min_length=1,
-        max_length=MOST_ENTRIES,
-        description="the values, each written as it would be at the key itself",
-    )
+    key: Text
+    """dotted key to change, list entries by number, such as contact.0.film.thickness"""
+    values: tuple[Any, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
+    """the values, each written as it would be at the key itself"""
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -20,64 +20,46 @@ _STEADY_KEYS = ("slip_step", "min_steps", "max_steps", "steady_tolerance", "film
 class Stage(Model):
     """One part of the run: a duration, or velocities, each kept until the force is steady."""
 
-    name: Name = Field(description="name of the stage in results and messages")
-    duration: Annotated[float, Quantity("s", gt=0.0)] | None = Field(
-        default=None, description="length of the stage (or velocities)"
-    )
-    steps: Count = Field(default=10, description="number of equal steps; with duration")
-    velocity: Annotated[float, Quantity("m/s")] | None = Field(
-        default=None, description="velocity of driven boundaries; with duration"
-    )
+    name: Name
+    """name of the stage in results and messages"""
+    duration: Annotated[float, Quantity("s", gt=0.0)] | None = None
+    """length of the stage (or velocities)"""
+    steps: Count = 10
+    """number of equal steps; with duration"""
+    velocity: Annotated[float, Quantity("m/s")] | None = None
+    """velocity of driven boundaries; with duration"""
     velocities: tuple[Annotated[float, Quantity("m/s", nonzero=True)], ...] = Field(
-        default=(),
-        max_length=MOST_ENTRIES,
-        description="velocities of driven boundaries, one after the other, each until the "
-        "tangential force is steady (or duration)",
+        default=(), max_length=MOST_ENTRIES
     )
-    slip_step: Annotated[float, Quantity("m", gt=0.0)] | None = Field(
-        default=None, description="driven displacement in one step; needed with velocities"
-    )
-    min_steps: Count = Field(
-        default=5, description="fewest steps at each velocity; with velocities"
-    )
-    max_steps: Count = Field(
-        default=200, description="most steps at each velocity; with velocities"
-    )
-    steady_tolerance: Annotated[float, Quantity(gt=0.0, lt=1.0)] = Field(
-        default=1e-4,
-        description="relative change of the tangential force, without known weakening, over the "
-        "elastic lengths and the last eighth of the way slid, below which it is steady; with "
-        "velocities",
-    )
-    film_stress_limit: Annotated[float, Quantity("Pa", gt=0.0)] | None = Field(
-        default=None,
-        description="velocities at which the film stress eta_b V/D of a contact would exceed this "
-        "are left out; with velocities",
-    )
-    rate_dependent: Flag = Field(
-        default=True, description="whether the film and velocity effects act in this stage"
-    )
-    solver: Literal["implicit", "explicit"] | None = Field(
-        default=None,
-        description="time integration of this stage; default: that of [solver]. Implicit stages "
-        "come before explicit ones",
-    )
-    ramp: Annotated[float, Quantity("s", ge=0.0)] = Field(
-        default=0.0,
-        description="time in which driven boundaries change smoothly to their new velocity, at "
-        "the start of the stage and of each of its velocities",
-    )
-    relax: Flag = Field(
-        default=False,
-        description="bring the bodies to rest: all velocities are set to zero at each peak of the "
-        "kinetic energy (dynamic relaxation); explicit only",
-    )
-    release: tuple[Text, ...] = Field(
-        default=(),
-        description="surfaces whose displacements are given up, and tools and contact pairs whose "
-        "forces are: reactions and contact forces are taken off evenly over the stage, and do not "
-        "come back in the rest of the run; with duration",
-    )
+    """velocities of driven boundaries, one after the other, each until the tangential force is
+    steady (or duration)"""
+    slip_step: Annotated[float, Quantity("m", gt=0.0)] | None = None
+    """driven displacement in one step; needed with velocities"""
+    min_steps: Count = 5
+    """fewest steps at each velocity; with velocities"""
+    max_steps: Count = 200
+    """most steps at each velocity; with velocities"""
+    steady_tolerance: Annotated[float, Quantity(gt=0.0, lt=1.0)] = 1e-4
+    """relative change of the tangential force, without known weakening, over the elastic lengths
+    and the last eighth of the way slid, below which it is steady; with velocities"""
+    film_stress_limit: Annotated[float, Quantity("Pa", gt=0.0)] | None = None
+    """velocities at which the film stress eta_b V/D of a contact would exceed this are left out;
+    with velocities"""
+    rate_dependent: Flag = True
+    """whether the film and velocity effects act in this stage"""
+    solver: Literal["implicit", "explicit"] | None = None
+    """time integration of this stage; default: that of [solver]. Implicit stages come before
+    explicit ones"""
+    ramp: Annotated[float, Quantity("s", ge=0.0)] = 0.0
+    """time in which driven boundaries change smoothly to their new velocity, at the start of the
+    stage and of each of its velocities"""
+    relax: Flag = False
+    """bring the bodies to rest: all velocities are set to zero at each peak of the kinetic energy
+    (dynamic relaxation); explicit only"""
+    release: tuple[Text, ...] = ()
+    """surfaces whose displacements are given up, and tools and contact pairs whose forces are:
+    reactions and contact forces are taken off evenly over the stage, and do not come back in the
+    rest of the run; with duration"""
 
     @property
     def is_driven(self) -> bool:
@@ -85,11 +67,7 @@ class Stage(Model):
         return bool(self.velocities) or self.velocity is not None
 
     def velocities_within(self, film_conductance: float) -> tuple[float, ...]:
-        """The velocities (m/s) that the limit on the film's stress leaves.
-
-        Args:
-            film_conductance: Pa s/m, largest eta_b/D of all contacts; 0 without a film.
-        """
+        """Velocities, m/s, below the film's stress limit; of the largest eta_b/D, Pa s/m."""
         if self.film_stress_limit is None:
             return self.velocities
         limit = self.film_stress_limit
@@ -162,9 +140,7 @@ def release_problems(
 ) -> Iterator[Problem]:
     """Releases of what holds or presses nothing, and where there are no forces.
 
-    Args:
-        holding: what may be released, by name: "surface", "tool" or "contact pair", or two of
-            them.
+    ``holding``: what may be released, by name: "surface", "tool", "contact pair", or two of them.
     """
     released: dict[str, str] = {}
     for index, stage in enumerate(stages):
@@ -288,9 +264,7 @@ def load_steps_of(
 ) -> Iterator[LoadStep]:
     """The load steps of a stage: one for each velocity, or one for its duration.
 
-    Args:
-        film_conductance: largest eta_b/D, Pa s/m, for the limit on the film's stress.
-        before: m/s, velocity of driven boundaries at the end of the stage before.
+    ``film_conductance``: largest eta_b/D, Pa s/m; ``before``: m/s, of the stage before.
     """
     for velocity in stage.velocities_within(film_conductance):
         assert stage.slip_step is not None

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
+import functools
+import inspect
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, Strict
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from tribox.app.errors import as_line
 
@@ -41,11 +46,44 @@ Elements = Annotated[int, Strict(), Field(ge=1, le=100_000)]
 
 
 class Model(BaseModel):
-    """A table of the case file: unknown keys are errors, values do not change."""
+    """A table of the case file: unknown keys are errors, values do not change.
+
+    What a key means stands below it in the source, or in its `Field`; see `meanings`.
+    """
 
     # Field names are those of the case file, also where they are capitals (E, K_T).
     # Validators are built in one pass when a case is read: one by one they take twice as long.
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        schema = handler(core_schema)
+        properties = handler.resolve_ref_schema(schema).get("properties", {})
+        for key, meaning in meanings(cls).items():
+            properties.get(key, {}).setdefault("description", meaning)
+        return schema
+
+
+@functools.cache
+def meanings(kind: type[Model]) -> dict[str, str]:
+    """What the keys of a table mean, by name; read from the source where it is asked for."""
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        try:
+            table = ast.parse(inspect.getsource(base)).body[0]
+        except (OSError, TypeError):  # made of a declaration, or none of Python
+            continue
+        assert isinstance(table, ast.ClassDef)
+        for key, text in itertools.pairwise(table.body if issubclass(base, Model) else ()):
+            match key, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
+                    value=ast.Constant(value=str(words))
+                ):
+                    found[name] = " ".join(words.split())
+    given = {name: field.description for name, field in kind.model_fields.items()}
+    return found | {name: words for name, words in given.items() if words}
 
 
 def nearest(name: str, known: Sequence[str]) -> str:

@@ -153,11 +153,7 @@ class Program(Written):
     word: str | None = None  # a word the field accepts too, and keeps as text (such as "driven")
 
     def parse(self, value: object) -> TimeTable | str:
-        """The table of a quantity or of `[[time, value], ...]`, or the accepted word.
-
-        Raises:
-            PydanticCustomError: with the place inside the table as context.
-        """
+        """The table of a quantity or rows, or the word; PydanticCustomError with place."""
         if isinstance(value, TimeTable):
             return value
         if self.word is not None and value == self.word:
@@ -318,11 +314,9 @@ class Displacement(Model):
     x: Travel | None = Field(default=None, description=_TRAVEL.format("x"))
     y: Travel | None = Field(default=None, description=_TRAVEL.format("y"))
     z: Travel | None = Field(default=None, description=_TRAVEL.format("z, in 3D"))
-    direction: tuple[_Weight, ...] | None = Field(
-        default=None,
-        description="direction [x, y] or [x, y, z] in which the driven components together move "
-        "with the velocity of the stage; default: each moves with it",
-    )
+    direction: tuple[_Weight, ...] | None = None
+    """direction [x, y] or [x, y, z] in which the driven components together move with the velocity
+    of the stage; default: each moves with it"""
 
     def driven_components(self) -> tuple[str, ...]:
         """Components that move with the velocity of the stage."""
@@ -359,22 +353,23 @@ class Displacement(Model):
 class Velocity(Model):
     """Prescribed components of the velocity; they are integrated in time."""
 
-    x: _Velocity | None = Field(default=None, description="velocity in x")
-    y: _Velocity | None = Field(default=None, description="velocity in y")
-    z: _Velocity | None = Field(default=None, description="velocity in z, in 3D")
+    x: _Velocity | None = None
+    """velocity in x"""
+    y: _Velocity | None = None
+    """velocity in y"""
+    z: _Velocity | None = None
+    """velocity in z, in 3D"""
 
 
 class Rotation(Model):
     """A rigid rotation of a surface; displacements along the axis are left to other keys."""
 
-    angle: _Angle = Field(description="angle, against the clock seen from the axis's arrow head")
-    axis: Component = Field(
-        default="z", description="direction of the axis; in the plane it is z, across the plane"
-    )
-    centre: tuple[_Length, ...] | None = Field(
-        default=None,
-        description="a point on the axis, [x, y] or [x, y, z], undeformed; default: the origin",
-    )
+    angle: _Angle
+    """angle, against the clock seen from the axis's arrow head"""
+    axis: Component = "z"
+    """direction of the axis; in the plane it is z, across the plane"""
+    centre: tuple[_Length, ...] | None = None
+    """a point on the axis, [x, y] or [x, y, z], undeformed; default: the origin"""
 
     def decided(self) -> tuple[str, ...]:
         """The two components that a rotation prescribes."""

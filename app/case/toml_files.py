@@ -178,13 +178,9 @@ class KeyPathError(ValueError):
 
 
 def set_value(data: dict[str, Any], key: str, value: object) -> None:
-    """Set the value at a dotted key in plain data; missing tables are made, list entries not.
+    """Set the value at a dotted key, quoted as in TOML, in plain data; tables are made, lists not.
 
-    Args:
-        key: such as "contact.0.film.thickness"; quotes as in TOML around a name with dots.
-
-    Raises:
-        KeyPathError: the key is malformed, or leads through something that is no table or array.
+    KeyPathError if it leads through what is no table or array.
     """
     names = _split(key)
     here: Any = data
@@ -207,11 +203,7 @@ def set_value(data: dict[str, Any], key: str, value: object) -> None:
 
 
 def value_at(model: Any, key: str) -> Any:
-    """What validated tables hold at a dotted key, such as a number in SI.
-
-    Raises:
-        KeyPathError: the key leads nowhere.
-    """
+    """What validated tables hold at a dotted key, in SI; KeyPathError if it leads nowhere."""
     here = model
     for name in _split(key):
         try:
@@ -244,11 +236,7 @@ def _split(key: str) -> list[str]:
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:
-    """Set what one "dotted.key=value" text says.
-
-    Raises:
-        InputError: the text is no such thing, or its key leads nowhere.
-    """
+    """Set what one "dotted.key=value" says; InputError if it is none, or leads nowhere."""
     key, equals, text = override.partition("=")
     shown = override if len(override) <= _LONGEST else f"{override[:_LONGEST]}..."
     if not equals or not key.strip():
@@ -289,13 +277,9 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def toml_text(data: Mapping[str, Any], given: Mapping[str, Any] | None = None) -> str:
-    """TOML of nested mappings, lists, text, numbers and truth values.
+    """TOML of nested mappings, lists, text, numbers and truth values, without the None keys.
 
-    Returns text that `tomllib.loads` reads back to `data` (or `given`) without the None keys.
-
-    Args:
-        data: what to write; keys that are None are left out, as TOML has no such value.
-        given: where not None, keys of `data` that are not in `given` are written as comments.
+    Keys of ``data`` that are not in ``given``, where it is not None, are written as comments.
     """
     return "\n".join(_table((), data, data if given is None else given)).strip("\n") + "\n"
 
@@ -359,11 +343,7 @@ LARGEST = 4 * MEGABYTE  # bytes of a case file or of data
 
 
 def read_text(path: Path, largest: int = LARGEST) -> str:
-    """Text of a file, without the mark that some editors put before it.
-
-    Raises:
-        InputError: there is none, or it is no such file.
-    """
+    """Text of a file in UTF-8, without an editor's mark; InputError if it cannot be read."""
     try:
         if see_file(path).st_size > largest:
             raise _too_large(path, largest)
@@ -404,13 +384,9 @@ def _too_large(path: Path, largest: int) -> InputError:
 
 
 def found_file(value: object, context: Mapping[str, Any], what: str) -> Path:
-    """An absolute path, seen from the case file, of a file that is there.
+    """An absolute path, seen from the case file, of a file that is there, ``what`` it may be.
 
-    Args:
-        what: the file is, such as "a mesh file".
-
-    Raises:
-        PydanticCustomError: it is no name, or there is no such file.
+    PydanticCustomError if there is no such file.
     """
     if not isinstance(value, str | Path) or not str(value):
         raise PydanticCustomError("path", "must be the name of {what}, in quotes", {"what": what})

@@ -67,15 +67,19 @@ class ToolForce(Model):
 
     x: _Force | None = Field(default=None, description=f"force in x, {_SLAB}")
     y: _Force | None = Field(default=None, description=f"force in y, {_SLAB}")
-    z: _Force | None = Field(default=None, description="force in z, in 3D")
+    z: _Force | None = None
+    """force in z, in 3D"""
 
 
 class ToolStop(Model):
     """Where blocks take over the force that drives a tool."""
 
-    x: _Length | None = Field(default=None, description="displacement in x")
-    y: _Length | None = Field(default=None, description="displacement in y")
-    z: _Length | None = Field(default=None, description="displacement in z, in 3D")
+    x: _Length | None = None
+    """displacement in x"""
+    y: _Length | None = None
+    """displacement in y"""
+    z: _Length | None = None
+    """displacement in z, in 3D"""
 
     def problems(self, tool: Tool, place: Place) -> Iterator[Problem]:
         """Components that no force drives, or to the other side."""
@@ -105,34 +109,24 @@ class ToolStop(Model):
 class ToolRotation(Model):
     """Rotation of a tool about an axis that moves with it."""
 
-    angle: Annotated[TimeTable, Program("rad")] | None = Field(
-        default=None,
-        description="angle, against the clock seen from the arrow head of the axis (or one below)",
-    )
-    rate: Annotated[TimeTable, Program("rad/s")] | None = Field(
-        default=None, description="angular velocity; it is integrated in time"
-    )
-    rim: Travel | None = Field(
-        default=None,
-        description="way of the rim of a round shape, against the clock: the angle times the "
-        'radius; or "driven": the rim moves with the velocity of the stage',
-    )
-    clockwise: Flag = Field(
-        default=False, description='whether rim = "driven" turns the tool with the clock'
-    )
+    angle: Annotated[TimeTable, Program("rad")] | None = None
+    """angle, against the clock seen from the arrow head of the axis (or one below)"""
+    rate: Annotated[TimeTable, Program("rad/s")] | None = None
+    """angular velocity; it is integrated in time"""
+    rim: Travel | None = None
+    """way of the rim of a round shape, against the clock: the angle times the radius; or "driven":
+    the rim moves with the velocity of the stage"""
+    clockwise: Flag = False
+    """whether rim = "driven" turns the tool with the clock"""
     moment: Annotated[TimeTable, Program("N*m")] | None = Field(
         default=None,
         description=f"moment about the axis that drives the tool, {_SLAB}; 0: it turns freely",
     )
-    axis: _Direction | None = Field(
-        default=None,
-        description='direction of the axis, "x", "y", "z" or [x, y, z]; in the plane it is z; '
-        "default in 3D: that of a cylinder",
-    )
-    centre: _Point | None = Field(
-        default=None,
-        description="a point on the axis at the start; default: the centre of a round shape",
-    )
+    axis: _Direction | None = None
+    """direction of the axis, "x", "y", "z" or [x, y, z]; in the plane it is z; default in 3D: that
+    of a cylinder"""
+    centre: _Point | None = None
+    """a point on the axis at the start; default: the centre of a round shape"""
     inertia: Annotated[float, Quantity("kg*m^2", gt=0.0)] | None = Field(
         default=None,
         description=f"moment of inertia about the axis, {_SLAB}; with moment, explicit only",
@@ -157,58 +151,34 @@ class Tool(Model):
     has_centre: ClassVar[bool] = False
     dims: ClassVar[tuple[int, ...]] = (2, 3)
 
-    displacement: Displacement | None = Field(
-        default=None,
-        description="given components of the displacement; components that are not given are 0",
-    )
-    velocity: Velocity | None = Field(
-        default=None, description="given components of the velocity; they are integrated in time"
-    )
-    force: ToolForce | None = Field(
-        default=None,
-        description="given components of the force that drives the tool, along the axes; its "
-        "displacement follows",
-    )
-    stop: ToolStop | None = Field(
-        default=None,
-        description="displacement, from the start of the run, at which blocks take over the force "
-        "that drives a component, as beneath a blank holder; implicit only",
-    )
-    spring: Spring | None = Field(
-        default=None,
-        description="spring that draws the tool in one direction; its displacement follows",
-    )
-    displacement_stages: tuple[Text, ...] = Field(
-        default=(),
-        max_length=MOST_ENTRIES,
-        description="names of the stages in which displacement or velocity moves the components "
-        "that a force drives in the others; default: all, and no component has both",
-    )
-    hold_force: tuple[Component, ...] = Field(
-        default=(),
-        description='components, such as ["y"], that after stages of displacement_stages hold the '
-        "force that was reached at their end, instead of that of force (which is not needed then)",
-    )
+    displacement: Displacement | None = None
+    """given components of the displacement; components that are not given are 0"""
+    velocity: Velocity | None = None
+    """given components of the velocity; they are integrated in time"""
+    force: ToolForce | None = None
+    """given components of the force that drives the tool, along the axes; its displacement
+    follows"""
+    stop: ToolStop | None = None
+    """displacement, from the start of the run, at which blocks take over the force that drives a
+    component, as beneath a blank holder; implicit only"""
+    spring: Spring | None = None
+    """spring that draws the tool in one direction; its displacement follows"""
+    displacement_stages: tuple[Text, ...] = Field(default=(), max_length=MOST_ENTRIES)
+    """names of the stages in which displacement or velocity moves the components that a force
+    drives in the others; default: all, and no component has both"""
+    hold_force: tuple[Component, ...] = ()
+    """components, such as ["y"], that after stages of displacement_stages hold the force that was
+    reached at their end, instead of that of force (which is not needed then)"""
     mass: Annotated[float, Quantity("kg", gt=0.0)] | None = Field(
         default=None, description=f"mass of the tool, {_SLAB}; with force or spring, explicit only"
     )
-    rotation: ToolRotation | None = Field(
-        default=None, description="rotation; default: the tool does not turn"
-    )
-    stages: tuple[Text, ...] | None = Field(
-        default=None,
-        min_length=1,
-        max_length=MOST_ENTRIES,
-        description="names of the stages in which the tool touches; default: all",
-    )
+    rotation: ToolRotation | None = None
+    """rotation; default: the tool does not turn"""
+    stages: tuple[Text, ...] | None = Field(default=None, min_length=1, max_length=MOST_ENTRIES)
+    """names of the stages in which the tool touches; default: all"""
 
     if TYPE_CHECKING:  # a word of its own for each
         shape: str
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """Files that the tool is read from."""
-        return ()
 
     def components(self) -> Iterator[tuple[str, str]]:
         """Components (x, y, z) that are given, each with the table that does it."""
@@ -353,9 +323,12 @@ class Tool(Model):
 class PlaneTool(Tool):
     """A plane; in the plane a straight line without end."""
 
-    shape: Literal["plane"] = Field(description="a plane")
-    point: _Point = Field(description="a point of the plane, [x, y] or [x, y, z]")
-    normal: _Direction = Field(description="normal out of the tool, towards the body")
+    shape: Literal["plane"]
+    """a plane"""
+    point: _Point
+    """a point of the plane, [x, y] or [x, y, z]"""
+    normal: _Direction
+    """normal out of the tool, towards the body"""
 
     @field_validator("normal")
     @classmethod
@@ -381,11 +354,12 @@ class RoundTool(Tool):
 
     has_centre: ClassVar[bool] = True
 
-    centre: _Point = Field(description="its centre [x, y] or [x, y, z]")
-    radius: _Radius = Field(description="its radius")
-    inside: Flag = Field(
-        default=False, description="whether the body is inside it, as in a bore or a socket"
-    )
+    centre: _Point
+    """its centre [x, y] or [x, y, z]"""
+    radius: _Radius
+    """its radius"""
+    inside: Flag = False
+    """whether the body is inside it, as in a bore or a socket"""
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         yield "centre", self.centre
@@ -396,7 +370,8 @@ class CircleTool(RoundTool):
 
     dims: ClassVar[tuple[int, ...]] = (2,)
 
-    shape: Literal["circle"] = Field(description="a circle, in the plane")
+    shape: Literal["circle"]
+    """a circle, in the plane"""
 
 
 class CylinderTool(RoundTool):
@@ -404,9 +379,12 @@ class CylinderTool(RoundTool):
 
     dims: ClassVar[tuple[int, ...]] = (3,)
 
-    shape: Literal["cylinder"] = Field(description="a cylinder, in space")
-    centre: _Point = Field(description="a point [x, y, z] of its axis")
-    axis: _Direction = Field(description='direction of its axis, "x", "y", "z" or [x, y, z]')
+    shape: Literal["cylinder"]
+    """a cylinder, in space"""
+    centre: _Point
+    """a point [x, y, z] of its axis"""
+    axis: _Direction
+    """direction of its axis, "x", "y", "z" or [x, y, z]"""
 
     def positions(self) -> Iterator[tuple[str, Sequence[float]]]:
         yield from super().positions()
@@ -418,7 +396,8 @@ class SphereTool(RoundTool):
 
     dims: ClassVar[tuple[int, ...]] = (3,)
 
-    shape: Literal["sphere"] = Field(description="a sphere, in space")
+    shape: Literal["sphere"]
+    """a sphere, in space"""
 
 
 class PolylineTool(Tool):
@@ -426,22 +405,17 @@ class PolylineTool(Tool):
 
     dims: ClassVar[tuple[int, ...]] = (2,)
 
-    shape: Literal["polyline"] = Field(description="straight lines with fillets, in the plane")
-    points: tuple[_Point, ...] = Field(
-        min_length=2,
-        max_length=MOST_ENTRIES,
-        description="its corners [[x, y], ...] before they are rounded; the body is on the left",
-    )
-    fillet_radius: Annotated[float | tuple[float, ...], _OneOrMany()] = Field(
-        default=0.0,
-        description="radius of the fillets: one for all corners, or a list of one for each",
-    )
-    closed: Flag = Field(default=False, description="whether the last point is joined to the first")
-    continued: tuple[Flag, Flag] = Field(
-        default=(False, False),
-        description="whether the line goes on straight without end before its first point, and "
-        "behind its last; otherwise contact ends there",
-    )
+    shape: Literal["polyline"]
+    """straight lines with fillets, in the plane"""
+    points: tuple[_Point, ...] = Field(min_length=2, max_length=MOST_ENTRIES)
+    """its corners [[x, y], ...] before they are rounded; the body is on the left"""
+    fillet_radius: Annotated[float | tuple[float, ...], _OneOrMany()] = 0.0
+    """radius of the fillets: one for all corners, or a list of one for each"""
+    closed: Flag = False
+    """whether the last point is joined to the first"""
+    continued: tuple[Flag, Flag] = (False, False)
+    """whether the line goes on straight without end before its first point, and behind its last;
+    otherwise contact ends there"""
 
     @property
     def corners(self) -> int:
@@ -469,29 +443,20 @@ class PolylineTool(Tool):
 class MeshTool(Tool):
     """A surface out of a mesh file."""
 
-    shape: Literal["mesh"] = Field(description="a surface of facets out of a mesh file")
-    file: Path = Field(description="gmsh file (.msh), relative to the case file")
-    scale: Scale = Field(
-        default=1.0, description='unit of the coordinates in the file, such as "mm", or its size'
-    )
-    surface: Text = Field(
-        description="name of the physical group of facets; it need not bound a body. Seen along "
-        "their order of nodes the body is on the left, in space facets run against the clock seen "
-        "from the body"
-    )
-    turned_over: Flag = Field(
-        default=False, description="whether all facets run the other way round in the file"
-    )
-    smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = Field(
-        default=None,
-        description="make normals continuous across sides of facets whose normals differ by less "
-        "than this angle; default: the facets as they are. First-order lines and quadrilaterals",
-    )
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """The mesh."""
-        return (self.file,)
+    shape: Literal["mesh"]
+    """a surface of facets out of a mesh file"""
+    file: Path
+    """gmsh file (.msh), relative to the case file"""
+    scale: Scale = 1.0
+    """unit of the coordinates in the file, such as "mm", or its size"""
+    surface: Text
+    """name of the physical group of facets; it need not bound a body. Seen along their order of
+    nodes the body is on the left, in space facets run against the clock seen from the body"""
+    turned_over: Flag = False
+    """whether all facets run the other way round in the file"""
+    smoothing_angle: Annotated[float, Quantity("rad", gt=0.0, le=math.pi)] | None = None
+    """make normals continuous across sides of facets whose normals differ by less than this angle;
+    default: the facets as they are. First-order lines and quadrilaterals"""
 
     @field_validator("file", mode="before")
     @classmethod

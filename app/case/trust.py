@@ -9,10 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case
-from tribox.app.case.friction import OwnLaw
-from tribox.app.case.geometry import MeshGeometry
 from tribox.app.errors import InputError
 from tribox.geometry.meshes.drawing import GEO
 
@@ -26,11 +23,7 @@ _OPEN = (
 
 
 def trusted_directories() -> list[Path]:
-    """The directories of ``TRIBOX_TRUST``, without symbolic links.
-
-    Raises:
-        InputError: one is relative, or is everything there is.
-    """
+    """The directories of ``TRIBOX_TRUST``, without links; InputError if one is relative, or all."""
     found = []
     for name in filter(None, os.environ.get(TRUSTED, "").split(os.pathsep)):
         try:
@@ -46,25 +39,18 @@ def trusted_directories() -> list[Path]:
 def code_files(case: Case, python: bool) -> list[tuple[str, Path]]:
     """(what says so, file) of all code that a case, or a value of its sweep, would run.
 
-    Drawings are scripts of gmsh, which can start programs and write files.
-
-    Args:
-        python: whether its laws and materials are run, and not only its mesh made.
+    Drawings are scripts of gmsh; ``python``: laws and materials too, not only the mesh.
     """
     parts = [case, *(part for _, part in case.sweep_cases())]
     found: dict[tuple[str, Path], None] = {}
     for part in parts:
-        for name, body in part.bodies.items() if python else ():
-            if isinstance(body, OwnBody):
-                found[f'bodies.{name}.material = "python"', body.file] = None
-        for index, contact in enumerate(part.contact if python else ()):
-            if isinstance(contact.friction, OwnLaw):
-                found[f'contact.{index}.friction.law = "python"', contact.friction.file] = None
-        geometry = part.geometry
-        if isinstance(geometry, MeshGeometry):
-            read = geometry.meshed or geometry.mesh
-            if is_code(read):
-                found["geometry.mesh", read] = None
+        files = {".".join(map(str, place)): path for place, path in part.named_files()}
+        for key, path in files.items():
+            if python and key.endswith(".class"):
+                kind = "law" if key.startswith("contact.") else "material"
+                found[f'{key.removesuffix("class")}{kind} = "python"', path] = None
+            if key == "geometry.mesh" and "geometry.meshed" not in files and is_code(path):
+                found[key, path] = None
     return list(found)
 
 
@@ -75,16 +61,9 @@ def is_code(drawing: Path) -> bool:
 
 
 def require_trust(case: Case, case_file: Path, given: bool, python: bool = True) -> bool:
-    """See that the code of a case may be run.
+    """Whether a case runs code, which the user allows (``given``) or by where its files are.
 
-    Args:
-        given: whether the user said so; python: see :func:`code_files`.
-
-    Returns whether the case runs code.
-
-    Raises:
-        InputError: it does, and neither that was said nor are the case file and all files of code
-            in directories that the user trusts.
+    InputError if neither; ``python``: see :func:`code_files`.
     """
     files = code_files(case, python)
     if not given:
@@ -96,11 +75,7 @@ def require_trust(case: Case, case_file: Path, given: bool, python: bool = True)
 
 
 def require_drawing(drawing: Path) -> None:
-    """See that a drawing holds no code, or lies where the user trusts all.
-
-    Raises:
-        InputError: it does not.
-    """
+    """InputError if a drawing holds code, and lies where the user does not trust all."""
     if is_code(drawing):
         said = f"{drawing} is code, which gmsh would run: it can start programs and write files"
         require_trusted_file(drawing, said)

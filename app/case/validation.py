@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from tribox.app.case.quantities import Quantity
-from tribox.app.case.table import ABSENT, Model, Place, Problem
+from tribox.app.case.table import ABSENT, Model, Place, Problem, meanings
 from tribox.app.case.toml_files import toml_text
 
 _LONGEST_VALUE = 60
@@ -55,11 +55,7 @@ def _shown(value: object) -> str:
 
 
 def problems_of(error: ValidationError, model: type[Model], data: object) -> list[Problem]:
-    """The problems behind a validation error, unknown keys first.
-
-    Args:
-        data: what it was given; tells keys from the tags of unions in pydantic's locations.
-    """
+    """The problems behind an error in ``data``, its place without tags; unknown keys first."""
     details = error.errors(include_url=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     return [
@@ -158,7 +154,7 @@ def _missing(model: type[Model], loc: Sequence[str | int]) -> str:
         return "missing"
     field = table.model_fields[key]
     units = [m.unit for m in field.metadata if isinstance(m, Quantity) and m.unit]
-    return ", in ".join([f"missing; {field.description}", *units])
+    return ", in ".join([f"missing; {meanings(table)[str(key)]}", *units])
 
 
 def _unknown_key(model: type[Model], loc: Sequence[str | int], place: Place) -> str:
@@ -190,8 +186,8 @@ def _meant(word: str, table: type[Model]) -> str | None:
         return names[near[0]]
     words = {
         described.lower(): name
-        for name, field in reversed(table.model_fields.items())
-        for described in re.findall(r"[A-Za-z]{4,}", field.description or "")
+        for name in reversed(table.model_fields)
+        for described in re.findall(r"[A-Za-z]{4,}", meanings(table).get(name, ""))
     }
     near = difflib.get_close_matches(word.lower(), words, n=1, cutoff=0.8)
     return words[near[0]] if near else None

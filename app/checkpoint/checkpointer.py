@@ -51,13 +51,7 @@ class Checkpoint:
 
 
 def write_checkpoint(directory: Path, checkpoint: Checkpoint, keep: int) -> Path:
-    """Write a checkpoint of a results directory, and drop all but the last ``keep``.
-
-    Returns its directory.
-
-    Raises:
-        OSError: it cannot be written; those before it are untouched.
-    """
+    """Write a checkpoint, drop all but the last ``keep``; its directory; OSError if it cannot."""
     root = directory / CHECKPOINTS
     root.mkdir(exist_ok=True)
     numbers = checkpoint_numbers(directory)
@@ -117,12 +111,9 @@ def _fingerprint(path: Path) -> dict[str, Any]:
 
 
 def latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
-    """The last checkpoint of a results directory that is whole.
+    """The last whole checkpoint, or None, and a line for each later one that is damaged.
 
-    Returns None if there is none; and a line for each later one that is damaged.
-
-    Raises:
-        InputError: the last one is of another format.
+    InputError if the last one is of another format.
     """
     damaged: list[str] = []
     for number in reversed(checkpoint_numbers(directory)):

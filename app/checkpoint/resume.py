@@ -13,16 +13,9 @@ from mpi4py import MPI
 from pydantic import ValidationError
 
 from tribox.app.case.case import Case
+from tribox.app.checkpoint import same_case
 from tribox.app.checkpoint.checkpointer import DAMAGE, INSTEAD, Checkpoint, latest, why
 from tribox.app.checkpoint.layout import Layout, differences
-from tribox.app.checkpoint.same_case import (
-    MESH,
-    changes,
-    listed,
-    named_files,
-    refuse,
-    refuse_files,
-)
 from tribox.app.equilibrium.snapshot import Array, Snapshot
 from tribox.app.errors import InputError
 from tribox.app.results.claim import is_beginning
@@ -50,11 +43,7 @@ class Found:
 
 
 def find_checkpoint(directory: Path, comm: MPI.Comm) -> Found | None:
-    """The last whole checkpoint of a results directory, or None; collective.
-
-    Raises:
-        InputError: it is of another format, or there are some and all are damaged.
-    """
+    """The last whole checkpoint, or None; collective; InputError if all are damaged or foreign."""
     found, notes = on_first(comm, lambda: _latest(directory)) or (None, [])
     about = comm.bcast(None if found is None else found.about)
     return None if about is None else Found(about, comm.bcast(notes), found)
@@ -74,12 +63,9 @@ def _latest(directory: Path) -> tuple[Checkpoint | None, list[str]]:
 
 
 def go_on(simulation: Simulation, found: Found, directory: Path, extend: bool) -> Snapshot:
-    """Put a run that has not begun where the checkpoint was taken; collective.
+    """Put a run where its checkpoint was taken; what the recorder had seen; collective.
 
-    Returns what the recorder of the results has seen.
-
-    Raises:
-        InputError: case, files, mesh or tables are not those that the run began with.
+    InputError if case, files, mesh or tables are others.
     """
     model, comm = simulation.model, simulation.model.problem.comm
     checkpoint = found.checkpoint
@@ -120,10 +106,7 @@ def started_line(found: Found, simulation: Simulation) -> str:
 
 
 def _compare(
-    simulation: Simulation,
-    checkpoint: Checkpoint | None,
-    layout: Layout,
-    directory: Path,
+    simulation: Simulation, checkpoint: Checkpoint | None, layout: Layout, directory: Path
 ) -> None:
     """Refuse another case, files or mesh; on the first rank."""
     assert checkpoint is not None
@@ -135,17 +118,25 @@ def _compare(
         stage = began.stage.index(load_steps[min(at, len(load_steps) - 1)].stage)
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
-    refuse(changes(began, case, stage, time=checkpoint.about["time"]), directory)
+    same_case.refuse(
+        same_case.changes(began, case, stage, time=checkpoint.about["time"]), directory
+    )
     names, sums = copy_names(began), checkpoint.about["inputs"]
-    files = {key: names[path] for key, path in named_files(began) if key != MESH}
-    refuse_files({key: (name, sums.get(name)) for key, name in files.items()}, case, directory)
+    files = {
+        key: names[path] for key, path in same_case.named_files(began) if key != same_case.MESH
+    }
+    same_case.refuse_files(
+        {key: (name, sums.get(name)) for key, name in files.items()}, case, directory
+    )
     mesh = {n.removeprefix("mesh/"): a for n, a in checkpoint.arrays.items() if n[:5] == "mesh/"}
     try:
         found = list(differences(layout.identity, mesh))
     except DAMAGE as error:
         raise InputError(_strange(directory, error)) from error
     if found:
-        raise InputError(f"{directory}: the mesh is not the one of the run: {listed(found)}")
+        raise InputError(
+            f"{directory}: the mesh is not the one of the run: {same_case.listed(found)}"
+        )
 
 
 def _past_case(text: str, directory: Path) -> Case:
@@ -188,11 +179,7 @@ _COUNTS = tuple(f.name for f in fields(Row) if f.type in ("int", int))
 
 
 def restore_rows(state: RunState, directory: Path, step: int, comm: MPI.Comm) -> None:
-    """Put the rows of the first ``step`` steps back; collective.
-
-    Raises:
-        InputError: a table has been changed.
-    """
+    """Put the rows of the first ``step`` steps back; collective; InputError if changed."""
     tables = tables_of(state)
 
     def read() -> list[list[dict[str, Any]]]:

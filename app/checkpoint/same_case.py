@@ -9,10 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case, given_keys
-from tribox.app.case.friction import OwnLaw
-from tribox.app.case.geometry import MeshGeometry
 from tribox.app.case.reading import load_past_case
 from tribox.app.case.stage import Stage
 from tribox.app.case.toml_files import flat
@@ -38,11 +35,7 @@ EQUAL = 1e-12  # relative difference of step lengths that are one
 
 
 def is_whole(directory: Path, now: Case) -> bool:
-    """Whether a run that is done has come to the end of a case as it is now.
-
-    Raises:
-        InputError: the case or a file is not the one of the run, or the run's cannot be read.
-    """
+    """Whether a run that is done ended as the case does now; InputError if it is another."""
     began, given = load_past_case(directory / "case.toml"), given_keys_of(directory)
     given |= set(given_keys(now))
     refuse(changes(began, now, len(began.stage) - 1, given, end_of(directory)), directory)
@@ -62,28 +55,13 @@ def refuse(found: Iterator[str], directory: Path) -> None:
 
 
 def named_files(case: Case) -> Iterator[tuple[str, Path]]:
-    """Files that a case reads, by their keys: its mesh, those of its tools, classes of its own."""
-    if isinstance(case.geometry, MeshGeometry):
-        yield MESH, case.geometry.mesh
-    for name, tool in case.tools.items():
-        yield from ((f"tools.{name}.file", file) for file in tool.files)
-    for number, contact in enumerate(case.contact):
-        if isinstance(contact.friction, OwnLaw):
-            yield f"contact.{number}.friction.class", contact.friction.file
-    for name, body in case.bodies.items():
-        if isinstance(body, OwnBody):
-            yield f"bodies.{name}.class", body.file
+    """Files that a case was written with, by their keys: what was meshed is not."""
+    keyed = ((".".join(map(str, place)), path) for place, path in case.named_files())
+    return ((key, path) for key, path in keyed if key != "geometry.meshed")
 
 
 def refuse_files(began: Mapping[str, tuple[str, str | None]], now: Case, directory: Path) -> None:
-    """Refuse files with other contents than those that a run began with.
-
-    Args:
-        began: names of their copies and SHA-256, by their keys.
-
-    Raises:
-        InputError: one has others, or cannot be read.
-    """
+    """InputError for files with other contents than ``began``: names and SHA-256, by keys."""
     for key, path in named_files(now):
         name, digest = began.get(key, ("", ""))
         if name and sha256_of(path) != digest:
@@ -102,11 +80,9 @@ def listed(lines: list[str]) -> str:
 def changes(
     began: Case, now: Case, stage: int, given: Set[str] | None = None, time: float = math.inf
 ) -> Iterator[str]:
-    """Differences that a run cannot go on with, one line each.
+    """Differences that a run cannot go on with, one line each; of ``given`` keys, None: all.
 
-    Args:
-        given: keys that are compared; None: all.
-        time: s, to which the run has come: what follows in a boundary's tables may be added to.
+    ``time``: s, to which the run has come: what follows in a boundary's tables may be added to.
     """
     for key, was, is_ in _unequal(began, now, stage):
         further = key.startswith("boundary.") and _goes_further(was, is_, time)

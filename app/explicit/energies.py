@@ -96,16 +96,9 @@ class EnergyWatch(Remembers):
         self._roundoff = energy_roundoff(problem)
 
     def check(self, stored: float, work: float, time: float, moving: Floats) -> None:
-        """Compare; collective.
+        """ExplicitError if more energy, J/m of all ranks, is stored than was supplied; collective.
 
-        Args:
-            stored: J/m, strain, interface and kinetic energy of all ranks.
-            work: J/m, of supports and loads since the start, of all ranks.
-            time: s, since the start.
-            moving: (n,), J/m, m v² of the owned unknowns.
-
-        Raises:
-            ExplicitError: there is more energy than was supplied.
+        ``time``: s; ``moving``: (n,), J/m, m v² of the owned unknowns.
         """
         # Only what comes in: where loads take work back the bound stays one, if a looser one.
         self._supplied += max(work - self._work, 0.0)
@@ -136,10 +129,7 @@ class LoadForces:
 class Energies:
     """Work done on the bodies, and the energy that they and the contacts hold.
 
-    Attributes:
-        work: J/m, of supports, platens and loads, this rank's part.
-        damped: J/m, taken by mass-proportional damping and the contacts' dashpots, this rank's
-            part.
+    This rank's ``work`` of supports, platens and loads, and what was ``damped``, J/m.
     """
 
     def __init__(
@@ -168,12 +158,9 @@ class Energies:
         return 0.5 * float(self._constrained_mass @ (speed * speed))
 
     def add_step(self, forces: LoadForces, motion: LeapFrog, damped: float) -> None:
-        """Add the work over the step just made, by the trapezoidal rule.
+        """Add the work over the step just made, by the trapezoidal rule, and what was damped, J/m.
 
         Supports also move the mass of the unknowns they constrain.
-
-        Args:
-            damped: J/m, what damping and dashpots took in it.
         """
         state, last = self._state, self._forces
         self.damped += damped
@@ -202,10 +189,7 @@ class Energies:
         }
 
     def restore(self, kept: Snapshot) -> LoadForces:
-        """Go on from what :meth:`snapshot` has seen, at the state that there was.
-
-        Returns the forces from outside; those of loads are the present ones.
-        """
+        """Go on from :meth:`snapshot`, at its state; the forces from outside, loads as they are."""
         self.work, self.damped = map(float, kept["sums"])
         self._constrained_energy = self._of_constrained()
         self._forces = LoadForces(

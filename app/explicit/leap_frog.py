@@ -37,12 +37,7 @@ class ExplicitState:
         displacement: Floats | None = None,
         velocity: Floats | None = None,
     ) -> None:
-        """Take over a state; collective.
-
-        Args:
-            displacement: (n,), m, of the owned unknowns; None: what ``u`` holds.
-            velocity: (n,), m/s, of the owned unknowns; None: rest.
-        """
+        """Take over displacements (m) and velocities (m/s) (n,) of owned unknowns; collective."""
         space = u.function_space
         self.u = NodalVector(space, u.x)
         self.v, self.a = NodalVector(space), NodalVector(space)
@@ -114,14 +109,9 @@ class LumpedDynamics:
     def accelerate(
         self, residual: Floats, pull: Floats, out: Floats, valid: bool = True
     ) -> tuple[Floats, bool]:
-        """Accelerations −r/m (n,) into ``out``, m/s²; collective.
+        """Accelerations −r/m (n,) into ``out``, and of platens (p,), m/s²; whether all are valid.
 
-        Returns the platens' accelerations (p,), m/s², the same on all ranks; whether the forces of
-        all ranks are valid.
-
-        Args:
-            residual: (n,), N, internal and contact forces less the loads'.
-            pull: (p,), N, force on each platen.
+        Of forces (n,), N, less the loads', and ``pull`` (p,), N, on each platen; collective.
         """
         np.multiply(residual, self._negative, out=out)
         if not self.platens and self.comm.size == 1:
@@ -171,12 +161,10 @@ class LumpedDynamics:
 
 
 class LeapFrog(Remembers):
-    """Moves a state from one whole step to the next.
+    """Moves a state from one whole step to the next; c are constrained unknowns, p platens.
 
-    Attributes:
-        travel: (c,), m, what the constrained unknowns moved by in the last step.
-        platen_acceleration: (p,), m/s², at the last whole step; to be set before a step.
-        platen_velocity: (p,), m/s, at the last half step; platen_displacement: (p,), m.
+    ``travel`` (c,), m, in the last step; platen_acceleration (p,), m/s², to be set before a step;
+    platen_velocity, m/s, and platen_displacement, m, (p,).
     """
 
     platen_acceleration: Kept[Floats]  # the same on all ranks

@@ -88,14 +88,7 @@ class ScaledMass:
 def scaled_mass(
     problem: Equilibrium, scaling: MassScaling | None, pairs: Sequence[PairStiffness]
 ) -> ScaledMass:
-    """Lumped masses with what the scaling adds; collective.
-
-    Args:
-        scaling: its settings; None: no scaling.
-
-    Raises:
-        ValueError: a body has no density.
-    """
+    """Lumped masses with what the scaling adds; collective; ValueError without a density."""
     plain = lumped_mass(problem.space, problem.solids)
     if scaling is None:
         return _result(problem, plain, plain, np.ones(1))
@@ -279,11 +272,7 @@ class Stiffness:
 def largest(
     dynamics: LumpedDynamics, apply: Callable[[Floats], Floats], start: Floats, iterations: int
 ) -> Mode:
-    """Largest eigenvalue of M⁻¹A by Lanczos' iteration; collective.
-
-    Args:
-        start: (n,) start vector, of any size.
-    """
+    """Largest eigenvalue of M⁻¹A by Lanczos' iteration from ``start`` (n,); collective."""
     q = dynamics.project(start)
     norm = np.sqrt(dynamics.dot(q, q))
     if not norm > 0.0:

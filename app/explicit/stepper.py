@@ -174,10 +174,7 @@ class ExplicitStepper:
     def advance(self, dt: float) -> None:
         """Make a step of ``dt`` (s) under the present loads, and commit it; collective.
 
-        Raises:
-            ExplicitError: an element is turned inside out, and the displacements are again those
-                before this step; or the energy runs away.
-            LawError: a friction law of the user's fails; the displacements are those before too.
+        ExplicitError if a cell turns over or the energy runs away, LawError; displacements stay.
         """
         timer = self.problem.timer
         if self.problem.constraints.controls != self._controls:
@@ -399,11 +396,7 @@ class FilmCorrection:
         space: dolfinx.fem.FunctionSpace,
         damping: float,
     ) -> None:
-        """Find the unknowns that the films' forces can reach; collective.
-
-        Args:
-            damping: 1/s, c of the damping force c m v.
-        """
+        """Find the unknowns that films' forces reach, damped by ``damping``, 1/s; collective."""
         self.contacts = list(contacts)
         self._dynamics, self._damping = dynamics, damping
         self._scratch = NodalVector(space)
@@ -420,11 +413,7 @@ class FilmCorrection:
             contact.hold_film()
 
     def correct(self, state: ExplicitState, residual: NodalVector, dt: float) -> None:
-        """Correct the films' tractions for the velocities of the next half step; collective.
-
-        Args:
-            dt: s, length of the step.
-        """
+        """Correct the films' tractions for the next half step of ``dt``, s; collective."""
         if any(c.exchange is not e for c, e in zip(self.contacts, self._exchanges, strict=True)):
             self._touch()  # contacts know more of their masters now
         if state.steps % REFRESH == 0:
@@ -436,15 +425,10 @@ class FilmCorrection:
             contact.correct_film(state.v, keep, state.a, gain, residual)
 
     def accelerate(self, residual: Floats, pull: Floats, platens: Floats, out: Floats) -> Floats:
-        """Renew the accelerations ``out`` (n,) where the films' forces may have changed them.
+        """Renew the accelerations ``out`` (n,), m/s², where films' forces may have changed them.
 
-        Collective where a film touches a platen. Returns the platens' accelerations (p,), m/s².
-
-        Args:
-            residual: (n,), N, with the corrected tractions.
-            pull: (p,), N, on the platens.
-            platens: (p,), m/s², the platens' accelerations before.
-            out: (n,), m/s².
+        Collective where a film touches a platen. Returns the accelerations of ``platens`` (p,),
+        m/s², from ``residual`` (n,), N, with the corrected tractions, and ``pull`` (p,), N.
         """
         if self._touched is None:
             return self._dynamics.accelerate(residual, pull, out)[0]

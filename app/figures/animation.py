@@ -48,14 +48,7 @@ LOOKED_AT = 8  # frames that they are chosen from
 
 
 def animate(results: Results, path: Path, field: str) -> int:
-    """Write a GIF of the field outputs of a run: fixed colours, fixed frame.
-
-    Returns:
-        Number of its frames.
-
-    Raises:
-        InputError: fewer than two outputs, or no such array.
-    """
+    """Write a GIF of a run's fields; number of frames; InputError if under two, or no array."""
     steps = frames_of(np.asarray(results.steps, dtype=np.int64))
     if len(steps) < 2:
         raise InputError(

@@ -47,16 +47,11 @@ def named_after(stem: str, field: str) -> str:
 
 
 def cell_field(mesh: meshio.Mesh, cells: Sequence[NDArray[np.int64]], name: str) -> CellField:
-    """An array of a mesh, one number for each cell: of nodes the mean over the corners.
+    """An array of a field file's mesh, one number for each cell: of nodes the corners' mean.
 
-    Args:
-        mesh: of a field file.
-        cells: corners (c, a) of the cells, block by block.
-        name: of a cell or point array. Of vectors the length is shown, of tensors the component
-            that ends the name, such as ``cauchy_stress_xy`` (likewise ``displacement_x``).
-
-    Raises:
-        InputError: there is no such array.
+    ``cells``: corners (c, a), block by block. Of vectors the length is shown, of tensors the
+    component that ends the name, such as ``cauchy_stress_xy`` (likewise ``displacement_x``);
+    InputError if there is no such array.
     """
     array, component = _split(mesh, name)
     if array in mesh.cell_data:
@@ -193,13 +188,9 @@ class Bodies:
 
 
 def read_bodies(mesh: meshio.Mesh, names: Sequence[str], field: str) -> Bodies:
-    """Polygons of a mesh of a field file.
+    """Polygons of a field file's mesh, by its ``displacement`` and ``body``.
 
-    The mesh has point data ``displacement`` and cell data ``body``; ``field`` as of
-    :func:`cell_field`.
-
-    Raises:
-        InputError: there is no such array.
+    InputError if there is no array ``field``.
     """
     blocks = [_corners(block) for block in mesh.cells]
     kinds = [kind for kind, _ in blocks]

@@ -19,7 +19,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.tri import Triangulation
 
-from tribox.app.figures import style
+from tribox.app.figures import scenes, style, tractions
 from tribox.app.figures.body_shapes import (
     Bodies,
     CellField,
@@ -36,29 +36,7 @@ from tribox.app.figures.plane_bodies import (
     frame_round,
     pair_colour,
 )
-from tribox.app.figures.scenes import (
-    View,
-    area_vectors,
-    draw_space,
-    draw_tools,
-    facets_seen,
-    room_for,
-    scene_of,
-    tool_lines,
-    tool_triangles,
-    veil_of,
-    with_room,
-)
 from tribox.app.figures.style import Floats, Unit
-from tribox.app.figures.tractions import (
-    Ints,
-    draw_tractions,
-    facets_of,
-    pairs_shown,
-    roundoff_of,
-    without_roundoff,
-    write_no_load,
-)
 from tribox.app.simulation.history import time_text
 
 if TYPE_CHECKING:
@@ -74,11 +52,7 @@ IN_ONE_COLUMN = 2
 
 
 def draw_deformed(results: Results, figures: Path, field: str) -> list[Path]:
-    """Draw the last state, the end of each stage and the highest load.
-
-    Raises:
-        InputError: there is no such array.
-    """
+    """Draw the last state, each stage's end, the highest load; InputError without the array."""
     states = [replace(s, name=named_after(s.name, field)) for s in states_to_draw(results)]
     if not states:
         return []
@@ -126,8 +100,8 @@ def _mesh_figure(
     if nodes is not None:
         names = style.pair_names(results)
         reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
-        for pair in pairs_shown(nodes, len(names), MOST_PAIRS):
-            lines = reference[facets_of(nodes, pair)] * frame.unit.factor
+        for pair in tractions.pairs_shown(nodes, len(names), MOST_PAIRS):
+            lines = reference[tractions.facets_of(nodes, pair)] * frame.unit.factor
             slave = LineCollection(list(lines), colors=pair_colour(pair), linewidths=2.0, zorder=4)
             slave.set_label(f"slave of {names[pair]}")
             axes.add_collection(slave, autolim=False)
@@ -137,20 +111,20 @@ def _mesh_figure(
 
 def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies, and below or beside them the tractions of each pair."""
-    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
+    nodes = tractions.without_roundoff(results.contact(state.step), tractions.roundoff_of(results))
     points = results.contact_points(state.step)
-    lines = tool_lines(results, state.step)
-    frame = with_room(frame_round([bodies], style.axis_names(results)), lines)
+    lines = scenes.tool_lines(results, state.step)
+    frame = scenes.with_room(frame_round([bodies], style.axis_names(results)), lines)
     names = style.pair_names(results)
-    pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_PAIRS)}
+    pairs = {k: names[k] for k in tractions.pairs_shown(nodes, len(names), MOST_PAIRS)}
     near = close_up(frame, nodes)
     figure, top, beside, panels = _layout(frame, len(pairs), near is not None)
     cells = draw_bodies(top, bodies, scale, frame)
-    draw_tools(top, lines, frame)
+    scenes.draw_tools(top, lines, frame)
     draw_slaves(top, nodes, pairs, frame.unit)
     if near is not None and beside is not None:
         draw_bodies(beside, bodies, scale, near, named=False)
-        draw_tools(beside, lines, near)
+        scenes.draw_tools(beside, lines, near)
         draw_slaves(beside, nodes, pairs, near.unit)
         beside.set_title("close-up", fontsize=9)
     whole = [top] if beside is None else [top, beside]
@@ -163,7 +137,7 @@ def _figure(results: Results, state: State, bodies: Bodies, scale: ColourScale) 
     stress = style.fitting(np.concatenate([data["pressure"], data["tangential_traction"]]), "Pa")
     length = style.fitting(np.ptp(data["reference"], axis=0), "m")
     for axes, (pair, name) in zip(panels, pairs.items(), strict=True):
-        draw_tractions(axes, nodes, points, pair, length, stress)
+        tractions.draw_tractions(axes, nodes, points, pair, length, stress)
         axes.set_title(name, fontsize=9, color=pair_colour(pair), loc="left", pad=3)
         if axes.lines:
             axes.set_ylabel(f"traction ({stress.name})", fontsize=9)
@@ -223,25 +197,27 @@ MOST_IN_SPACE = 4
 
 def mesh_in_space(bodies: Bodies, scale: ColourScale) -> Figure:
     """The outer facets of the bodies, a colour for each body."""
-    scene = scene_of(bodies, scale)
+    scene = scenes.scene_of(bodies, scale)
     figure = Figure(figsize=(7.5, 6.5), layout="constrained")
-    draw_space(figure.subplots(), View(scene, facets_seen(scene)), bodies.names)
+    scenes.draw_space(
+        figure.subplots(), scenes.View(scene, scenes.facets_seen(scene)), bodies.names
+    )
     return figure
 
 
 def _figure_in_space(results: Results, state: State, bodies: Bodies, scale: ColourScale) -> Figure:
     """The bodies from outside, and beside them the pressure of each pair."""
-    names, tools = style.pair_names(results), tool_triangles(results, state.step)
-    room = room_for(bodies.position.min(axis=0), bodies.position.max(axis=0), tools)
-    scene = scene_of(bodies, scale, *room)
-    view = View(scene, facets_seen(scene), veil_of(scene, tools))
+    names, tools = style.pair_names(results), scenes.tool_triangles(results, state.step)
+    room = scenes.room_for(bodies.position.min(axis=0), bodies.position.max(axis=0), tools)
+    scene = scenes.scene_of(bodies, scale, *room)
+    view = scenes.View(scene, scenes.facets_seen(scene), scenes.veil_of(scene, tools))
     if not names:
         figure = Figure(figsize=(7.0, 5.5), layout="constrained")
         _draw_bodies(figure, view, bodies, scale)
         figure.suptitle(style.heading(results, state.title), fontsize=9)
         return figure
-    nodes = without_roundoff(results.contact(state.step), roundoff_of(results))
-    pairs = {k: names[k] for k in pairs_shown(nodes, len(names), MOST_IN_SPACE)}
+    nodes = tractions.without_roundoff(results.contact(state.step), tractions.roundoff_of(results))
+    pairs = {k: names[k] for k in tractions.pairs_shown(nodes, len(names), MOST_IN_SPACE)}
     columns = 1 if len(pairs) == 1 else 2
     rows = -(-len(pairs) // columns)
     figure = Figure(figsize=(6.5 + 4.3 * columns, max(5.5, 4.6 * rows)), layout="constrained")
@@ -253,11 +229,11 @@ def _figure_in_space(results: Results, state: State, bodies: Bodies, scale: Colo
     return figure
 
 
-def _draw_bodies(figure: FigureBase, view: View, bodies: Bodies, scale: ColourScale) -> None:
+def _draw_bodies(figure: FigureBase, view: scenes.View, bodies: Bodies, scale: ColourScale) -> None:
     """The bodies with a bar of their colours below."""
     bar = ScalarMappable(scale.norm, scale.colours)
     axes = figure.add_subplot()
-    draw_space(axes, view, bodies.names)
+    scenes.draw_space(axes, view, bodies.names)
     figure.colorbar(bar, ax=axes, label=scale.label(bodies.field), extend=scale.extend,
                     orientation="horizontal", shrink=0.7, pad=0.02, aspect=35)  # fmt: skip
 
@@ -277,7 +253,7 @@ class Plan:
     across: Floats  # (v, 2), m, current, in the directions of ``axes``
     axes: Floats  # (2, 3), unit vectors
     names: tuple[str, str]  # of the two directions
-    facets: Ints  # (f, a)
+    facets: tractions.Ints  # (f, a)
 
 
 def seen_along_normal(nodes: meshio.Mesh, pair: int) -> Plan:
@@ -286,12 +262,12 @@ def seen_along_normal(nodes: meshio.Mesh, pair: int) -> Plan:
     The normal is that of the slave, out of its body, turned towards the viewer where it has to be:
     the picture is seen from y, from z or from x upwards, never from below.
     """
-    facets = facets_of(nodes, pair)
+    facets = tractions.facets_of(nodes, pair)
     x = np.asarray(nodes.points, dtype=np.float64)
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
     # Weighted by pressure: all round a roller normals cancel, where it touches they do not.
     share = pressure[facets].mean(axis=1)
-    areas = area_vectors(x[facets])
+    areas = scenes.area_vectors(x[facets])
     normal = (areas * share[:, None]).sum(axis=0) if share.any() else areas.sum(axis=0)
     length = float(np.linalg.norm(normal))
     normal = normal / length if length > 0.0 else np.array([0.0, 1.0, 0.0])
@@ -359,7 +335,7 @@ def draw_pressure(
         colours.set_clip_path(rim, axes.transData)
         axes.add_patch(PathPatch(rim, fill=False, edgecolor="0.4", linewidth=0.6))
     else:
-        write_no_load(axes)
+        tractions.write_no_load(axes)
     # Limits round a slave, or round what is pressed where that is a small part of it
     whole = place[np.unique(facets)]
     pressed = place[pressed]
@@ -371,7 +347,7 @@ def draw_pressure(
     axes.set(xlim=(left, right), ylim=(low, high))
 
 
-def touching(nodes: meshio.Mesh, facets: Ints, place: Floats) -> Outline:
+def touching(nodes: meshio.Mesh, facets: tractions.Ints, place: Floats) -> Outline:
     """Outline of where half or more of a node's surroundings touches.
 
     Where the contact file lacks ``cover``, pressed nodes count as covered. ``place``: (v, 2), of
@@ -385,7 +361,9 @@ def touching(nodes: meshio.Mesh, facets: Ints, place: Floats) -> Outline:
     return Outline.make_compound_path(*filled.get_paths())
 
 
-def _triangles(place: Floats, facets: Ints, values: Floats) -> tuple[Triangulation, Floats]:
+def _triangles(
+    place: Floats, facets: tractions.Ints, values: Floats
+) -> tuple[Triangulation, Floats]:
     """Triangles of the facets and their nodal values; quadrilaterals are cut from their middle."""
     if facets.shape[1] == 3:
         return Triangulation(*place.T, facets), values

@@ -33,10 +33,7 @@ def forces_figure(results: Results) -> Figure:
     count = 3 if history["friction_force"].any() else 1  # without friction it has no panels
     figure = Figure(figsize=(7.5, 1.4 + 2.0 * count), layout="constrained")
     panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
-    forces = (
-        fitting(history["normal_force"], "N"),
-        fitting(history["friction_force"], "N"),
-    )
+    forces = (fitting(history["normal_force"], "N"), fitting(history["friction_force"], "N"))
     lines = list(_lines(results))
     for label, colour, width, rows, table in lines:
         x = at.values[rows]
@@ -396,10 +393,7 @@ def force_displacement_figure(results: Results) -> Figure | None:
 
 def _draw(axes: Axes, curve: Curve, surfaces: Table) -> None:
     table = surfaces.where("surface", curve.surface)
-    x_unit, y_unit = (
-        fitting(table[curve.x], curve.x_unit),
-        fitting(table[curve.y], curve.y_unit),
-    )
+    x_unit, y_unit = (fitting(table[curve.x], curve.x_unit), fitting(table[curve.y], curve.y_unit))
     x, y = x_unit.of(table[curve.x]), y_unit.of(table[curve.y])
     stages = list(dict.fromkeys(table["stage"]))
     of = table["stage"]
@@ -445,11 +439,7 @@ def draw_phases(results: Results, figures: Path) -> list[Path]:
 def phase_figure(rows: Table, surface: str, axis: str) -> Figure:
     """The force on a sprung surface over time, and its velocity against that force."""
     time, force, speed = (rows[name] for name in ("time", f"force_{axis}", f"velocity_{axis}"))
-    times, forces, speeds = (
-        fitting(np.ptp(time), "s"),
-        fitting(force, "N"),
-        fitting(speed, "m/s"),
-    )
+    times, forces, speeds = (fitting(np.ptp(time), "s"), fitting(force, "N"), fitting(speed, "m/s"))
     figure = Figure(figsize=(10, 4), layout="constrained")
     left, right = figure.subplots(1, 2)
     left.plot(times.of(time - time[0]), forces.of(force), color=style.COLOURS[0], lw=1)

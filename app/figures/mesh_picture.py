@@ -19,21 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from tribox.app.figures.scenes import (
-    OBLIQUE,
-    TOOL,
-    VEIL,
-    Camera,
-    Scene,
-    View,
-    area_vectors,
-    camera_at,
-    draw_space,
-    facets_seen,
-    room_for,
-    show,
-    veil_of,
-)
+from tribox.app.figures import scenes
 from tribox.app.figures.style import Unit, fitting, save
 from tribox.geometry.compat import cell_nodes, cell_order, entity_nodes
 from tribox.geometry.meshes.mesh import NamedMesh
@@ -47,9 +33,9 @@ Points = npt.NDArray[np.float64]
 
 KINDS = {"held": "0.2", "moved": "#1b6ca8", "loaded": "#c2571a"}
 """What is done to a surface, and the colour that it is drawn in."""
-BACK = (-OBLIQUE[0], -OBLIQUE[1], -OBLIQUE[2])
+BACK = (-scenes.OBLIQUE[0], -scenes.OBLIQUE[1], -scenes.OBLIQUE[2])
 VIEWS = {
-    "": OBLIQUE,
+    "": scenes.OBLIQUE,
     "from behind and below": BACK,
     "from the front": (0.0, 1.0, 0.0),
     "from above": (0.0, 0.0, 1.0),
@@ -150,31 +136,25 @@ def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Fi
     tools = marks.outlines()
     every = np.concatenate(list(tools.values())) if tools else None
     nodes = hull.corners.reshape(-1, 3)
-    scene = Scene(
+    scene = scenes.Scene(
         nodes,
         np.arange(len(nodes)).reshape(hull.corners.shape[:2]),
         np.array([shown[name] for name in names])[hull.surface],
         hull.body,
-        *room_for(nodes.min(axis=0), nodes.max(axis=0), every),
+        *scenes.room_for(nodes.min(axis=0), nodes.max(axis=0), every),
         ambient=DARKEST,
     )
     unit = fitting(np.ptp(nodes, axis=0), "m")
-    # The axis that points upwards: 1 (y), or 2 where contacts or bodies lie flat. Drawings have z
-    # upwards as often as not, and a sheet across it would be seen as a wall.
-    slaves = [k for k, name in enumerate(names) if name in marks.slaves]
-    flat = np.isin(hull.surface, slaves)
-    normals = area_vectors(hull.corners[flat] if flat.any() else hull.corners)
-    _, along_y, along_z = np.abs(normals).sum(axis=0)
-    upwards = 2 if along_z > FLAT * along_y else 1
+    upwards = _upwards(hull, names, marks)
     for number, (words, eye) in enumerate(VIEWS.items(), start=1):
-        seen = replace(scene, camera=camera_at(eye, upwards))
-        view = View(seen, facets_seen(seen), veil_of(seen, every))
+        seen = replace(scene, camera=scenes.camera_at(eye, upwards))
+        view = scenes.View(seen, scenes.facets_seen(seen), scenes.veil_of(seen, every))
         axes = figure.add_subplot(2, 2, number)
         if 1.0 in eye:
-            show(axes, view)
+            scenes.show(axes, view)
             _rule(axes, seen.camera, unit)
         else:
-            draw_space(axes, view, tuple(named.bodies))
+            scenes.draw_space(axes, view, tuple(named.bodies))
         axes.set_title(words, fontsize=9)
         _space_arrows(axes, seen, {**places, **tools}, marks)
         axes.autoscale_view()
@@ -183,14 +163,29 @@ def _space_figure(named: NamedMesh, hull: _Hull, title: str, marks: Marks) -> Fi
         for name, facets in places.items()
         if len(facets)
     ]
-    handles += [Patch(color=TOOL, alpha=VEIL, label=f"tool {marks.label(name)}") for name in tools]
+    handles += [
+        Patch(color=scenes.TOOL, alpha=scenes.VEIL, label=f"tool {marks.label(name)}")
+        for name in tools
+    ]
     handles += marks.handles()
     figure.legend(handles=handles, loc="outside lower center", frameon=False, fontsize=9, ncols=2)
     figure.suptitle("\n".join((title, *marks.pairs)), fontsize=11)
     return figure
 
 
-def _rule(axes: Axes, camera: Camera, unit: Unit) -> None:
+def _upwards(hull: _Hull, names: Sequence[str], marks: Marks) -> int:
+    """The axis that points upwards: 1 (y), or 2 where contacts or bodies lie flat.
+
+    Drawings have z upwards as often as not, and a sheet across it would be seen as a wall.
+    """
+    slaves = [k for k, name in enumerate(names) if name in marks.slaves]
+    flat = np.isin(hull.surface, slaves)
+    normals = scenes.area_vectors(hull.corners[flat] if flat.any() else hull.corners)
+    _, along_y, along_z = np.abs(normals).sum(axis=0)
+    return 2 if along_z > FLAT * along_y else 1
+
+
+def _rule(axes: Axes, camera: scenes.Camera, unit: Unit) -> None:
     """Ticks along a picture that is seen along an axis, with the names of the other two."""
     for axis, along in ((axes.xaxis, camera.right), (axes.yaxis, camera.up)):
         letter = int(np.argmax(np.abs(along)))
@@ -206,7 +201,9 @@ def _counted(name: str, facets: int, marks: Marks) -> str:
     return f"{name}: {facets}; {words}" if words else f"{name}: {facets}"
 
 
-def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks: Marks) -> None:
+def _space_arrows(
+    axes: Axes, scene: scenes.Scene, places: Mapping[str, Points], marks: Marks
+) -> None:
     """An arrow from the middle of each surface or tool, for each thing that is done to it."""
     length = 0.2 * float(np.ptp(scene.position, axis=0).max())
     centre = scene.position.mean(axis=0)
@@ -217,7 +214,7 @@ def _space_arrows(axes: Axes, scene: Scene, places: Mapping[str, Points], marks:
         middle = np.clip(places[name].mean(axis=(0, 1)), scene.low, scene.high)
         # Mean direction across polygons (f, a, 3), to the side of a point
         polygons = places[name]
-        normals = area_vectors(polygons)
+        normals = scenes.area_vectors(polygons)
         away = np.einsum("fi,fi->f", normals, centre - polygons.mean(axis=1))
         mean = (normals * np.where(away < 0.0, -1.0, 1.0)[:, None]).sum(axis=0)
         inside = np.asarray(mean / (np.linalg.norm(mean) or 1.0))
@@ -304,7 +301,7 @@ def _plane_figure(outline: _Outline, title: str, marks: Marks) -> Figure:
     corners = np.concatenate([c.reshape(-1, 2) for c in outline.cells.values()])
     tools = list(marks.outlines().values())
     every = np.concatenate(tools)[..., :2] if tools else None
-    low, high = room_for(corners.min(axis=0), corners.max(axis=0), every)
+    low, high = scenes.room_for(corners.min(axis=0), corners.max(axis=0), every)
     unit = fitting(high - low, "m")
     factor = unit.factor
     centre, span = 0.5 * (low + high) * factor, (high - low) * factor
@@ -364,7 +361,9 @@ def _draw_surfaces(
         edge = axes.get_xlim()[(side + 1) // 2] - side * 0.1 * per_inch
         for row, name in enumerate(sorted(points, key=lambda n: float(points[n][1]))):
             y = middle + (row - 0.5 * (len(points) - 1)) * _pitch(axes, len(points), per_inch)
-            colour = TOOL if name in tools else colours[list(lines).index(name) % len(colours)]
+            colour = (
+                scenes.TOOL if name in tools else colours[list(lines).index(name) % len(colours)]
+            )
             axes.annotate(
                 f"tool {marks.label(name)}" if name in tools else marks.label(name),
                 points[name],
@@ -383,7 +382,9 @@ def _draw_tools(axes: Any, factor: float, per_inch: float, marks: Marks) -> dict
     low, high = (np.array(pair) for pair in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
     seen = {}
     for name, segments in marks.outlines(factor).items():
-        axes.add_collection(LineCollection(list(segments), color=TOOL, linewidth=2.0, zorder=3))
+        axes.add_collection(
+            LineCollection(list(segments), color=scenes.TOOL, linewidth=2.0, zorder=3)
+        )
         middle = segments.mean(axis=1)
         inside = segments[((middle >= low) & (middle <= high)).all(axis=1)]
         seen[name] = inside if len(inside) else segments

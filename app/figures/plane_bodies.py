@@ -36,13 +36,7 @@ EDGE = 0.3  # points, a line round each cell: or the page would shine through be
 
 
 def coloured_cells(corners: Floats, values: Floats, scale: ColourScale) -> PathCollection:
-    """Filled polygons.
-
-    ``corners``: (f, a, 2), in the unit of the axes; ``values``: (f,), SI.
-
-    Returns:
-        A path for each colour, its number the first of the values that have it.
-    """
+    """Filled polygons (f, a, 2), in the axes' unit, by values (f,), SI: a path for each colour."""
     values = values * scale.unit.factor
     colours = colormaps[scale.colours](scale.norm(values), bytes=True).view(np.uint32)[:, 0]
     order = np.argsort(colours, kind="stable")
@@ -191,11 +185,7 @@ def pair_colour(pair: int) -> str:
 def draw_slaves(
     axes: Axes, nodes: meshio.Mesh, pairs: Mapping[int, str], unit: Unit
 ) -> list[LineCollection]:
-    """Mark where each pair is pressed, and with a dot where its arc length begins.
-
-    Returns:
-        The pressed facets, one collection for each pair.
-    """
+    """Mark where pairs are pressed, a dot where their arc length begins; a collection each."""
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
     starts = line_starts(nodes, list(pairs))
     drawn = []

@@ -32,12 +32,9 @@ if TYPE_CHECKING:
 
 
 def draw_figures(results: Results, field: str = DEFAULT_FIELD) -> list[Path]:
-    """Draw every figure that a results directory has the files for, into its ``figures``.
+    """Draw every figure that a results directory has the files for, bodies by ``field``.
 
-    Bodies are coloured by ``field``, an array of the field files.
-
-    Raises:
-        InputError: a file is cut off, there is no such array, or the files are not of one run.
+    InputError if a file is cut off, there is no such array, or files are not of one run.
     """
     figures = results.directory / "figures"
     if figures.is_symlink():
@@ -127,12 +124,9 @@ def _series_label(case: Case, label: str) -> str:
 
 
 def redraw(directory: Path, field: str, animate: bool) -> None:
-    """Draw the figures of a run from its files, or those of a sweep and of its runs.
+    """Draw the figures of a run, or of a sweep and its runs, again, and an animation if asked.
 
-    ``animate``: whether an animation is written too.
-
-    Raises:
-        InputError: the files cannot be used, or there is no such array.
+    InputError if the files cannot be used, or there is no such array.
     """
     results = read(directory)
     for one in [results, *results.parts.values()]:

@@ -300,11 +300,7 @@ NEARER = 2e-3  # of the frame, that tools are moved to the eye, to be before wha
 
 
 def tool_triangles(results: Results, step: int) -> Floats | None:
-    """Triangles, in the plane lines, (c, a, i), m, of all tools; None in a case without tools.
-
-    Raises:
-        InputError: nothing was written at this step.
-    """
+    """Triangles, in the plane lines, (c, a, i), m, of tools at a step; None in a case without."""
     if not results.case.tools:
         return None
     mesh = results.tool_outlines(step)

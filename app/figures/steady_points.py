@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 from tribox.app.case.case import Case
 from tribox.app.figures import style
 from tribox.app.figures.style import Floats, Unit
-from tribox.forms.closed_forms import (
-    effective_viscosity,
-    steady_traction,
-    threshold_speed,
-)
+from tribox.forms.closed_forms import effective_viscosity, steady_traction, threshold_speed
 from tribox.forms.friction.parameters import FrictionMapParameters
 
 
@@ -39,10 +35,7 @@ class Series:
 
 
 def steady_series(case: Case, load_steps: Iterable[dict[str, Any]], label: str = "") -> Series:
-    """The steady points of a run of the friction map.
-
-    ``load_steps``: the last rows of those that ran until steady.
-    """
+    """The steady points of a run of the friction map, by its last rows that ran until steady."""
     contact = case.contact[0]
     assert contact.map is not None and contact.given_film is not None
     speed, viscosity, friction, normal, area, mu, steady = style.columns(

@@ -56,10 +56,7 @@ CASE_STYLE = STYLE | {"text.parse_math": False}
 
 
 def save(figure: Figure, path: Path, *, tight: bool = True) -> None:
-    """Write a PNG, complete or not at all.
-
-    ``tight``: the page is cut or widened to what is drawn and a margin.
-    """
+    """Write a PNG, complete or not at all; ``tight``: cut to what is drawn and a margin."""
     with written_whole(path, ".part.png") as part:
         _write(figure, part, tight)
 
@@ -207,11 +204,9 @@ class Unit:
 
 
 def fitting(values: ArrayLike, unit: str) -> Unit:
-    """The unit in which the largest of the values has one to three digits before the point.
+    """The unit in which the largest of values has one to three digits before the point.
 
-    Args:
-        values: in SI; those that are not finite do not count.
-        unit: the SI unit, such as "m"; others than those in use, and plain numbers, have no prefix.
+    Values in SI, those not finite do not count; other units than those in use have no prefix.
     """
     found: Floats = np.abs(np.asarray(values, dtype=np.float64))
     largest = float(np.max(found, initial=0.0, where=np.isfinite(found)))

@@ -159,10 +159,7 @@ _COMPARED = (
 
 
 def compared(results: Results, swept: SweptValues) -> list[Compared]:
-    """What pairs, tools and probes gave in each run of a sweep, beside each other.
-
-    Of what stands in its table: the ends of load steps.
-    """
+    """What pairs, tools and probes gave at the ends of load steps in each run of a sweep."""
     table = results.table("sweep_details")
     if not len(table):
         return []
@@ -185,9 +182,8 @@ def compared(results: Results, swept: SweptValues) -> list[Compared]:
             places = np.array([swept.places[label] for label in order])
             lines[str(name)] = (places, np.array(ends))
         largest = max(float(np.nanmax(np.abs(y), initial=0.0)) for _, y in lines.values())
-        if (
-            largest > 0.0
-        ):  # what is as good as nothing beside it, such as a free moment, is drawn so
+        # what is as good as nothing beside it, such as a free moment, is drawn so
+        if largest > 0.0:
             for name, (x, y) in lines.items():
                 lines[name] = (x, np.where(np.abs(y) > NOUGHT * largest, y, 0.0 * y))
             found.append(Compared(quantity, lines))

@@ -51,13 +51,10 @@ class Line:
 def slave_line(reference: Floats, facets: Ints, pressed: NDArray[np.bool_]) -> Line:
     """Vertices of a slave surface in their order along it.
 
-    The line runs from the left to the right, or from below to above; a closed one (a roller's) is
-    cut in the middle of what is not pressed. Pieces that do not hang together follow one another.
-
-    Args:
-        reference: (n, i), m, undeformed, of all nodes.
-        facets: (f, 2) nodes of the surface's facets.
-        pressed: (n,) whether a node carries pressure.
+    From the left to the right, or from below to above; a closed one (a roller's) is cut in the
+    middle of what is not pressed. Pieces that do not hang together follow one another.
+    ``reference``: (n, i), m, of all nodes; ``facets``: (f, 2); ``pressed``: (n,), whether nodes
+    are.
     """
     pieces = sorted(
         (_directed(chain, reference, pressed) for chain in chains(facets)),
@@ -103,10 +100,7 @@ def _middle_of_gap(pressed: NDArray[np.bool_]) -> int:
 
 
 def arc_of_points(line: Line, nodes: Floats, points: Floats) -> Floats:
-    """Arc length (q,), m, of points that lie on the undeformed line.
-
-    All places undeformed, m: ``nodes`` (n, i) of the contact file, ``points`` (q, i).
-    """
+    """Arc length (q,), m, of ``points`` (q, i) on the line of ``nodes`` (n, i), all undeformed."""
     from scipy.spatial import cKDTree
 
     within = np.setdiff1d(np.arange(len(line.vertices) - 1), np.array(line.starts[1:]) - 1)
@@ -154,10 +148,7 @@ def roundoff_of(results: Results) -> float:
 
 
 def without_roundoff(nodes: meshio.Mesh, roundoff: float) -> meshio.Mesh:
-    """The contact file with no traction at all at nodes whose pressure is round-off.
-
-    The contact file is changed.
-    """
+    """The contact file, changed: no traction at nodes whose pressure is round-off."""
     data = nodes.point_data
     none = np.asarray(data["pressure"], dtype=np.float64) < roundoff
     for name in ("pressure", "tangential_traction", "friction_traction"):
@@ -181,10 +172,7 @@ def draw_tractions(
     length: Unit,
     stress: Unit,
 ) -> None:
-    """Pressure and friction of a pair along its slave: nodal ones as lines, those of points faint.
-
-    Of a pair that is pressed nowhere the panel says so.
-    """
+    """Pressure and friction of a pair along its slave, if any: nodal as lines, of points faint."""
     reference = np.asarray(nodes.point_data["reference"], dtype=np.float64)[:, :2]
     pressure = np.asarray(nodes.point_data["pressure"], dtype=np.float64)
     line = slave_line(reference, facets_of(nodes, pair), pressure > 0.0)

@@ -54,11 +54,7 @@ ROUNDED = 1e-8  # logarithms of speeds that are no further apart are the same
 class Calibration:
     """The search for the parameters of one data set.
 
-    Attributes:
-        data: Measured friction.
-        base: Everything that is not fitted.
-        coordinates: What is.
-        star: Which of the coordinates is the threshold speed (V_star or gamma), if any.
+    ``star``: which coordinate, if any, is the threshold speed; ``base``: all that is not fitted.
     """
 
     def __init__(
@@ -68,13 +64,7 @@ class Calibration:
         coordinates: Sequence[Coordinate],
         starts: Mapping[str, float] | None = None,
     ) -> None:
-        """Set up the search.
-
-        ``starts``: values to start from, by key, SI.
-
-        Raises:
-            InputError: There are not more rows than parameters.
-        """
+        """Begin at ``starts`` (by key, SI); InputError if rows are not more than parameters."""
         self.data, self.base, self.coordinates = data, base, tuple(coordinates)
         self._starts = dict(starts or {})
         self._slip_start: Floats | None = None
@@ -327,11 +317,7 @@ class Calibration:
         return (float(below[-1]) if below.size else None, float(above[0]) if above.size else None)
 
     def _gaps(self, speeds: Floats) -> tuple[Floats, list[int]]:
-        """Edges of intervals of ln V* in which the same rows lie below, at and above it.
-
-        Returns:
-            The edges, and the intervals without any row in the transition, by number.
-        """
+        """Edges of intervals of ln V* with the same rows beside; numbers of the empty ones."""
         width = self._map.transition_width
         both = np.concatenate([speeds - math.log1p(width), speeds - math.log1p(-width)])
         ends = np.unique(np.round(both, 9))
@@ -466,12 +452,8 @@ class Judgement(Slopes):
     ) -> None:
         """Take the Jacobian of the search to the parameters themselves.
 
-        Args:
-            coordinates: What was searched for.
-            star: Which of them is the threshold speed, if any.
-            found: The minimum.
-            bracketed: Whether the interval of the threshold speed is known otherwise.
-            cures: Rows that would determine a parameter, by key.
+        ``bracketed``: the interval of the threshold speed is known otherwise; ``cures``: rows that
+        would determine a parameter, by key.
         """
         varied = [i for i in range(len(coordinates)) if found.free or i != star]
         columns = {coordinates[i].key: found.jacobian[:, n] for n, i in enumerate(varied)}

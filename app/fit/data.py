@@ -64,21 +64,12 @@ def read_table(
     may_be_empty: Sequence[str] = (),
     aliases: Aliases = NO_ALIASES,
 ) -> Table:
-    """Read a file.
+    """Read a file; InputError has a line on each wrong column, unit and value.
 
     Lines that begin with "#" are comments. The header names columns with their unit, as in
     "velocity [mm/s]". Where semicolons or tabs stand between columns, decimals may stand behind
-    commas.
-
-    Args:
-        known: Columns that it may have.
-        constants: Values of columns that it does not have, SI.
-        ignored: Columns of any name, with or without their unit, that are not read.
-        may_be_empty: Columns whose cells may be left empty.
-        aliases: Other names of columns, in lower case and with "_" between words.
-
-    Raises:
-        InputError: Columns, units or values are wrong; its lines name all of them.
+    commas. Columns are those ``known``, or ``constants`` (SI) where the file has none; ``ignored``:
+    not read; ``may_be_empty``: in some cells; ``aliases``: other names, in lower case with "_".
     """
     separator, lines = _records(path)
     if not lines:
@@ -186,11 +177,7 @@ def _standard(name: str, known: Mapping[str, Quantity], aliases: Aliases) -> str
 def _with_points(
     path: Path, columns: Collection[int], rows: list[tuple[int, list[str]]]
 ) -> list[tuple[int, list[str]]]:
-    """The rows with decimals behind points in the columns that are read.
-
-    Raises:
-        InputError: some stand behind points and some behind commas, which may part thousands.
-    """
+    """Rows with decimals behind points in columns that are read; InputError if both are there."""
     points = commas = 0
     for number, row in rows:
         cells = [row[place] for place in columns if place < len(row)]
@@ -367,20 +354,11 @@ def read_data(
     needs_film: bool = True,
     needs_pressure: bool = True,
 ) -> TribometerData:
-    """Read a data file.
+    """Read a data file; InputError has a line on each wrong column, unit and value.
 
-    Lines that begin with "#" are comments. The header names columns of ``COLUMNS`` with their unit,
-    as in "velocity [mm/s]". The slip may be left empty in a row of steady sliding.
-
-    Args:
-        constants: Columns of ``CONSTANTS`` that the file does not have, SI.
-        ignored: Columns of any name, with or without their unit, that are not read.
-        needs_film: Whether the law to fit asks for a film thickness.
-        needs_pressure: Whether its coefficient of friction depends on the pressure in steady
-            sliding.
-
-    Raises:
-        InputError: Columns, units or values are wrong; its lines name all of them.
+    Of ``COLUMNS``, as :func:`read_table` says; the slip may be left empty in a row of steady
+    sliding. ``constants``: of ``CONSTANTS`` that the file does not have, SI; ``ignored``: columns
+    not read; whether the law needs a film, and the pressure in steady sliding.
     """
     table = read_table(path, COLUMNS, constants, ignored, may_be_empty=("slip",), aliases=ALIASES)
     data = _assembled(path, table.values, table.lines, needs_film, needs_pressure)

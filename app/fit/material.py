@@ -14,24 +14,9 @@ import numpy as np
 from tribox.app.case.quantities import Quantity
 from tribox.app.case.table import nearest
 from tribox.app.errors import InputError
+from tribox.app.fit import material_data, model
 from tribox.app.fit.data import Floats
-from tribox.app.fit.material_data import (
-    COLUMNS,
-    CONSTANTS,
-    TEMPERATURE,
-    MaterialData,
-    read_material,
-)
 from tribox.app.fit.metal import LAWS, MOST_GIVEN, MetalFit, fit_metal
-from tribox.app.fit.model import (
-    AT_BOUND,
-    NOISE,
-    Estimate,
-    MaterialParameter,
-    Slopes,
-    interval,
-    undetermined,
-)
 from tribox.app.fit.prony import LONG_TERM, MOST_BRANCHES, PronyFit, Shift, fit_prony
 from tribox.app.fit.setup import parsed, settings
 
@@ -43,8 +28,8 @@ ASSUMED_METAL = {"nu": 0.33}
 SOFTEST_METAL = 1e9  # Pa, E below which rows without a time are those of an elastomer
 _OF_RUBBER: dict[str, Quantity] = {
     "K": Quantity("Pa", gt=0.0),
-    "reference": TEMPERATURE,
-    "temperature": TEMPERATURE,
+    "reference": material_data.TEMPERATURE,
+    "temperature": material_data.TEMPERATURE,
 }
 _OF_METAL: dict[str, Quantity] = {
     "E": Quantity("Pa", gt=0.0),
@@ -105,11 +90,11 @@ class MaterialResult:
         notes: What there is to say beside.
     """
 
-    data: MaterialData
+    data: material_data.MaterialData
     fit: PronyFit | MetalFit
     body: str
-    estimates: tuple[Estimate[MaterialParameter], ...]
-    slopes: Slopes
+    estimates: tuple[model.Estimate[model.MaterialParameter], ...]
+    slopes: model.Slopes
     scatter: float
     criterion: Mapping[str, float]
     given: Mapping[str, float]
@@ -150,7 +135,9 @@ def fit_material(data_file: Path, options: MaterialOptions | None = None) -> Mat
 # -- what is asked for -----------------------------------------------------------------------------
 
 
-def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, dict[str, float]]:
+def read_test(
+    data_file: Path, options: MaterialOptions
+) -> tuple[material_data.MaterialData, dict[str, float]]:
     """The data, and keys that are fixed, SI; InputError if data or options are not usable."""
     law = options.law
     if law is not None and law not in MATERIAL_LAWS:
@@ -159,11 +146,17 @@ def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, 
         raise InputError(
             f"--body {options.body}: must begin with a letter, then letters, digits, - and _"
         )
-    known = (*CONSTANTS, *dict.fromkeys((*_OF_RUBBER, *_OF_METAL)))
+    known = (*material_data.CONSTANTS, *dict.fromkeys((*_OF_RUBBER, *_OF_METAL)))
     texts = settings(options.fixed, "--fix", known)
-    constants = {k: parsed("--fix", k, texts.pop(k), COLUMNS[k]) for k in CONSTANTS if k in texts}
+    constants = {
+        k: parsed("--fix", k, texts.pop(k), material_data.COLUMNS[k])
+        for k in material_data.CONSTANTS
+        if k in texts
+    }
     is_metal = None if law is None else law != RUBBER
-    data = read_material(data_file, constants, options.ignored, options.measure, is_metal)
+    data = material_data.read_material(
+        data_file, constants, options.ignored, options.measure, is_metal
+    )
     allowed = dict(_OF_RUBBER)
     if data.kind == "metal":
         keys = {key for one in ((law,) if law else LAWS) for key in LAWS[one]} | {"E", "nu"}
@@ -185,7 +178,7 @@ def read_test(data_file: Path, options: MaterialOptions) -> tuple[MaterialData, 
     return data, {key: parsed("--fix", key, value, allowed[key]) for key, value in texts.items()}
 
 
-def _shift(data: MaterialData, given: Mapping[str, float]) -> Shift | None:
+def _shift(data: material_data.MaterialData, given: Mapping[str, float]) -> Shift | None:
     """Of data at several temperatures."""
     if data.temperature is None:
         return None
@@ -199,7 +192,7 @@ def _shift(data: MaterialData, given: Mapping[str, float]) -> Shift | None:
 
 
 def fitted(
-    data: MaterialData, options: MaterialOptions, given: Mapping[str, float]
+    data: material_data.MaterialData, options: MaterialOptions, given: Mapping[str, float]
 ) -> MaterialResult:
     """The material of a test that was read, with the keys that are fixed, SI."""
     fit: PronyFit | MetalFit
@@ -230,27 +223,27 @@ def fitted(
 
 
 def _estimates(
-    fit: PronyFit | MetalFit, slopes: Slopes, scatter: float
-) -> Iterator[Estimate[MaterialParameter]]:
+    fit: PronyFit | MetalFit, slopes: model.Slopes, scatter: float
+) -> Iterator[model.Estimate[model.MaterialParameter]]:
     """One for each parameter, and of a series the long-term modulus."""
     judged = fit.search_slopes() if isinstance(fit, PronyFit) else slopes
     at_bound = dict(zip(judged.names, map(bool, fit.at_bound), strict=True))
     back = isinstance(fit, MetalFit) and not fit.flows_back()
     for parameter in fit.parameters:
         name, value = parameter.name, fit.values[parameter.name]
-        ends = interval(parameter, value, slopes.half_width(name, scatter, fit.degrees))
+        ends = model.interval(parameter, value, slopes.half_width(name, scatter, fit.degrees))
         if back and name.partition(" ")[0] in ("c", "b"):
-            warning: str | None = undetermined(name, *_AT_ONE)
+            warning: str | None = model.undetermined(name, *_AT_ONE)
         elif name in judged.names:
             warning = _why_open(name, judged, at_bound[name], fit, scatter)
         else:
             warning = slopes.broad(name, scatter, fit.degrees)
-        yield Estimate(parameter, value, *ends, warning)
+        yield model.Estimate(parameter, value, *ends, warning)
     if isinstance(fit, PronyFit):
         name, value = LONG_TERM.name, fit.series.long_term
-        ends = interval(LONG_TERM, value, judged.half_width(name, scatter, fit.degrees))
+        ends = model.interval(LONG_TERM, value, judged.half_width(name, scatter, fit.degrees))
         warning = _why_open(name, judged, at_bound[name], fit, scatter)
-        yield Estimate(LONG_TERM, value, *ends, warning)
+        yield model.Estimate(LONG_TERM, value, *ends, warning)
 
 
 _AT_ONE = (
@@ -260,11 +253,11 @@ _AT_ONE = (
 
 
 def _why_open(
-    name: str, judged: Slopes, at_bound: bool, fit: PronyFit | MetalFit, scatter: float
+    name: str, judged: model.Slopes, at_bound: bool, fit: PronyFit | MetalFit, scatter: float
 ) -> str | None:
     """Why the data do not determine a parameter; None if they do."""
     if at_bound:
-        return undetermined(name, AT_BOUND, fit.cure(name))
+        return model.undetermined(name, model.AT_BOUND, fit.cure(name))
     return judged.warning(name, scatter, fit.degrees)
 
 
@@ -317,7 +310,7 @@ def durbin_watson(result: MaterialResult) -> float | None:
     """
     r = result.residual
     total = float(r @ r)
-    if result.scatter < NOISE * 0.1 or total <= 0.0:
+    if result.scatter < model.NOISE * 0.1 or total <= 0.0:
         return None
     found = float(np.sum(np.diff(r) ** 2)) / total
     return found if found < 2.0 - 6.0 / math.sqrt(len(r)) else None

@@ -96,17 +96,11 @@ def read_material(
     measure: str | None,
     is_metal: bool | None,
 ) -> MaterialData:
-    """Read a data file.
+    """Read a data file; InputError if columns, units or values are wrong, or of no test.
 
-    Args:
-        path: The file; see :func:`tribox.app.fit.data.read_table`.
-        constants: Columns of ``CONSTANTS`` that the file does not have, SI.
-        ignored: Columns that are not read.
-        measure: Of ``MEASURES``: what plain columns are; None: there may be none.
-        is_metal: Whether the law to fit is that of a metal; None: unless there is a time.
-
-    Raises:
-        InputError: Columns, units or values are wrong, or of no test.
+    See :func:`tribox.app.fit.data.read_table`. ``constants``: of ``CONSTANTS``, SI; ``measure``: of
+    ``MEASURES``, what plain columns are, None: there may be none; ``is_metal``: whether the law is
+    a metal's, None: unless there is a time.
     """
     if measure is not None and measure not in MEASURES:
         raise InputError(f"--measure {measure}: must be one of {', '.join(MEASURES)}")

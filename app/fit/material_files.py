@@ -240,12 +240,9 @@ _DIGITS_OF_SHARE = 9  # the long-term modulus is what all shares leave
 def run_material(
     data_file: Path, options: MaterialOptions, out: Path | None, force: bool
 ) -> MaterialResult:
-    """Fit, and write numbers, figure and a section for case files.
+    """Fit, and write numbers, figure and a section for case files to ``out`` or results/DATA-fit.
 
-    ``out``: None: ``results/DATA-fit``.
-
-    Raises:
-        InputError: Data, options or directory are not usable; nothing is changed then.
+    InputError, with nothing changed, if data, options or directory are not usable.
     """
     data, given = read_test(data_file, options)
     directory = out or suffixed_directory(data_file, "fit")

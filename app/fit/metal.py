@@ -119,10 +119,7 @@ def with_turns(strain: Floats) -> tuple[Floats, Bools, list[float]]:
 
 
 def response(metal: Metal, strain: Floats, along: Sequence[slice]) -> tuple[Floats, Floats]:
-    """True stress, Pa, and equivalent plastic strain of a path of logarithmic strain, each (n,).
-
-    ``strain``: (n,); ``along``: its :func:`paths`.
-    """
+    """True stress, Pa, and plastic strain (n,) along log strains (n,) and their :func:`paths`."""
     stress, alphas = np.empty(len(strain)), np.empty(len(strain))
     rows = np.array(metal.kinematic, dtype=np.float64).reshape(-1, 2)
     c, b = rows[:, :1], rows[:, 1:]
@@ -167,17 +164,12 @@ def _plastic_strain(
 
 
 class MetalProblem:
-    """What is fitted to one data set.
+    """What is fitted to one data set: a ``law`` of ``LAWS`` with ``branches`` of back stresses.
 
-    Attributes:
-        law: Of ``LAWS``.
-        branches: Number of back stresses.
-        fixed: What is not fitted, SI, by key.
-        keys: What is: E, keys of the law, and c and b of each branch.
-        strain: (r,), logarithmic, with turns between rows; rows: (r,), which are rows.
-        along: Its paths between turns; unknown: strains of turns of which it is not known where
-            between rows they lie.
-        measured: (n,), Pa, true stress.
+    ``fixed``: what is not, SI, by key; ``keys``: what is: E, those of the law, c and b of each
+    branch. ``strain``: (r,), logarithmic, with turns between rows; ``rows``: (r,), which are;
+    ``along``: its paths between turns; ``unknown``: strains of turns that may lie anywhere between
+    rows; ``measured``: (n,), Pa, true stress.
     """
 
     def __init__(
@@ -369,18 +361,10 @@ class MetalFit(MaterialFit[MetalProblem]):
 def fit_metal(
     data: MaterialData, law: str | None, branches: int | None, fixed: Mapping[str, float]
 ) -> tuple[MetalFit, dict[str, float]]:
-    """The hardening of a test.
+    """The hardening of a test, and the criterion of all that were tried, by law and branches.
 
-    Args:
-        law: Of ``LAWS``; None: that of the least information criterion.
-        branches: Number of back stresses; None: likewise, 0 where the strain never turns.
-        fixed: What is not fitted, by key, SI.
-
-    Returns:
-        The metal, and the criterion of all that were tried, by law and number of branches.
-
-    Raises:
-        InputError: there are too few rows.
+    Law and branches are those of the least information criterion where they are None, without
+    branches if the strain never turns; ``fixed``: SI, by key; InputError if rows are too few.
     """
     assert data.strain is not None
     turns = len(paths(data.strain)) > 1

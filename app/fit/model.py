@@ -65,13 +65,10 @@ class Searched:
 
 
 class Slopes:
-    """Slopes of what was computed at a minimum, and what follows from them.
+    """Slopes of what was computed at a minimum, and what follows from them, by ``names``.
 
-    Attributes:
-        names: Parameters that have a slope.
-        slopes: (n, c), of the weighted residual for the logarithm of each parameter (of shares
-            that of a/(1 - a)), all others held.
-        own: (c,), length of the part of each column that the others cannot make up.
+    ``slopes``: (n, c), of the weighted residual for the logarithm of a parameter, or of a/(1 - a);
+    ``own``: (c,), length of the part that others cannot make up.
     """
 
     def __init__(
@@ -82,14 +79,9 @@ class Slopes:
         cure: Callable[[str], str],
         of: str,
     ) -> None:
-        """Take the slopes at a minimum.
+        """Take the slopes (n, c) at a minimum, by coordinates, with the sum of ``squares`` there.
 
-        Args:
-            coordinates: Parameters, one for each column.
-            slopes: (n, c).
-            squares: Sum of the squares of the weighted residual there.
-            cure: What to do about a parameter of this name that the data do not determine.
-            of: What was computed, for messages.
+        ``cure``: what to do about a parameter that is not determined; ``of``: what was computed.
         """
         self.names = tuple(c.name for c in coordinates)
         self.slopes, self._squares = slopes, squares
@@ -329,11 +321,7 @@ class Coordinate(Searched):
 def coordinates(names: Sequence[str], data: TribometerData, base: Parameters) -> tuple[
     Coordinate, ...
 ]:  # fmt: skip
-    """The coordinates of the parameters to fit; alpha has one for each film in between.
-
-    Raises:
-        InputError: There is no film, or are too many, to fit alpha to.
-    """
+    """Coordinates of the parameters, alpha's one for each film; InputError if there is none."""
     found: list[Coordinate] = []
     for name in names:
         if name != "alpha":

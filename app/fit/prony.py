@@ -91,14 +91,10 @@ class Prony:
 
 
 class PronyProblem:
-    """What is fitted to one data set.
+    """What is fitted to one test; ``shift``: of its temperatures, None at one.
 
-    Attributes:
-        data: The test.
-        shift: Of its temperatures; None at one temperature.
-        measured: (m,), Pa: modulus; storage, then loss modulus; or stress.
-        span: s, shortest and longest time that the data tell of.
-        limits: s, within which relaxation times are searched.
+    ``measured``: (m,), Pa, modulus, storage then loss modulus, or stress; ``span``, ``limits``: s,
+    that the data tell of, and within which times are searched.
     """
 
     def __init__(self, data: MaterialData, shift: Shift | None = None) -> None:
@@ -358,15 +354,9 @@ class PronyFit(MaterialFit[PronyProblem]):
 def fit_prony(
     data: MaterialData, branches: int | None, shift: Shift | None = None
 ) -> tuple[PronyFit, dict[int, float]]:
-    """The series of a test.
+    """The series of a test, and the criterion by number of branches of all that were tried.
 
-    ``branches``: their number; None: that of the least information criterion.
-
-    Returns:
-        The series, and the criterion by number of branches of all that were tried.
-
-    Raises:
-        InputError: there are too few rows.
+    ``branches``: None: those of the least criterion; InputError if there are too few rows.
     """
     problem = PronyProblem(data, shift)
     most = (len(problem.measured) - 2 - 2 * (shift is not None)) // 2

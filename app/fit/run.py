@@ -219,20 +219,11 @@ def run_fit(
     law: str = "friction-map",
     ignored: Sequence[str] = (),
 ) -> FitResult:
-    """Fit, and write numbers, figure and a section for case files.
+    """Fit, and write numbers, figure and a section for case files to ``out`` or results/DATA-fit.
 
-    Args:
-        data_file: CSV file.
-        parameters: Names with commas; None: those that the columns suggest.
-        fixed: "key=value" texts of the law, or of columns that the file does not have.
-        start: "key=value" texts.
-        out: Results directory; None: ``results/DATA-fit``.
-        force: Whether to replace results.
-        law: That is fitted: friction-map, stribeck or coulomb.
-        ignored: Columns that are not read.
-
-    Raises:
-        InputError: Data, options or directory are not usable; nothing is changed then.
+    ``parameters``: names with commas, None: those that the columns suggest; ``fixed``, ``start``:
+    "key=value" texts of the law, or of columns that the file lacks; ``law``: friction-map, stribeck
+    or coulomb; ``ignored``: columns not read. InputError, with nothing changed.
     """
     setup = fit_setup(data_file, parameters, fixed, start, law, ignored)
     directory = out or suffixed_directory(data_file, "fit")
@@ -254,11 +245,7 @@ def write_fit(
     claim: Claim, found: Mapping[str, Any], table: Mapping[str, Floats | None],
     name: str, written: str,
 ) -> None:  # fmt: skip
-    """Put numbers, a table and a section of a case file in the place of older results.
-
-    Args:
-        table: Columns (n,); what is not known, or is no number, stays empty.
-    """
+    """Put numbers, a table of columns (n,), and a section of a case in place of older results."""
     claim.clear()
     write_json(claim.directory / "fit.json", found)
     count = max(len(column) for column in table.values() if column is not None)

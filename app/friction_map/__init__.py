@@ -22,12 +22,9 @@ BUILT_IN = Path("built-in.toml")  # names the results of a map without a case
 def run_map(
     case_file: Path | None, overrides: Sequence[str], out: Path | None, force: bool
 ) -> Path:
-    """Map a law and write tables and figures.
+    """Map a law and write tables and figures to ``out`` or results/CASE-map.
 
-    ``case_file``: None: built-in parameters; ``out``: None: ``results/CASE-map``.
-
-    Raises:
-        InputError: The case or the directory is not usable; nothing is changed then.
+    InputError, with nothing changed, if case (None: built-in) or directory is not usable.
     """
     directory = out or suffixed_directory(case_file or BUILT_IN, "map")
     keep_inputs_apart(directory, [case_file] if case_file else [])

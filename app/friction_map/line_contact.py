@@ -76,12 +76,9 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class LineContact:
-    """What is pressed and slid.
+    """What is pressed and slid: radius R, m, modulus E*, Pa, mu of the asperities, rough and oil.
 
-    Attributes:
-        radius: R, m; modulus: E*, Pa; mu: of the asperities.
-        place: x (n,), m, oil coming from below; compliance: (n, n), m/Pa.
-        rough, asperities, rheology: of surfaces and oil.
+    ``place``: x (n,), m, oil coming from below; ``compliance``: (n, n), m/Pa.
     """
 
     radius: float
@@ -117,11 +114,7 @@ class LineContact:
         return start
 
     def at(self, load: float, speed: float, oil: float, start: Point) -> Point:
-        """The steady state of a load (N/m), a speed (m/s) and an oil (m, θh that is brought).
-
-        Raises:
-            FilmError: there is no convergence from ``start``.
-        """
+        """Steady state of a load (N/m), speed (m/s) and oil (θh, m); FilmError if there is none."""
         area, count = self._cells().area, len(self.place)
         shape = self.place**2 / (2.0 * self.radius)
         gap, w, d = start.gap, start.unknown, start.approach
@@ -412,11 +405,7 @@ def reached(
 ) -> Point:
     """The steady contact at the second of two speeds, from that at the first, by smaller steps.
 
-    Where oil begins to lack, the pressure of a film that is all but flat turns from that of a full
-    film to none with the last per cent of the gap.
-
-    Raises:
-        FilmError: not even by the smallest steps.
+    Where oil lacks, pressure turns to none with the last per cent of the gap; FilmError.
     """
     try:
         return contact.at(load, speeds[1], oil, start)

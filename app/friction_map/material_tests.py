@@ -13,11 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tribox.app.friction_map.setup import Floats, MapSetup
 from tribox.app.results.directory import write_json, write_table
-from tribox.forms.closed_forms import (
-    presliding_length,
-    steady_traction,
-    threshold_speed,
-)
+from tribox.forms.closed_forms import presliding_length, steady_traction, threshold_speed
 from tribox.forms.friction.film import at_rest
 from tribox.forms.friction.friction_map import FrictionMap
 from tribox.forms.friction.law import Regime
@@ -116,15 +112,9 @@ def slide_at_speeds(
 
     All speeds side by side: their steps are of the same slip, so of different length in time. A
     point is steady when its traction has changed by less than ``UNCHANGED`` in each of the last
-    steps, each longer than the one before by a fixed ratio: a slow creep towards the end value
-    does not pass for steady.
-
-    Args:
-        speeds: (v,), m/s, > 0.
-        pressure: (q,), Pa.
-        film: (q,), m.
-        least_slip: m, distance to slide at least; it must exceed the law's pre-sliding length.
-        most_slip: m, distance after which the points count as not steady.
+    steps, each longer than the one before by a fixed ratio: a slow creep towards the end value does
+    not pass for steady. ``pressure``: (q,), Pa; ``film``: (q,), m; ``least_slip``: m, more than the
+    pre-sliding length; ``most_slip``: m, after which points count as not steady.
     """
     shape = len(speeds), len(film)
     slowness = np.repeat(1.0 / speeds, len(film))

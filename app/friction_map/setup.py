@@ -68,12 +68,9 @@ class MapSetup:
 
 
 def map_setup(case_file: Path | None, overrides: Sequence[str] = ()) -> MapSetup:
-    """The setup of a case, or the built-in one.
+    """The setup of a case with its overrides, or the built-in one, of contact.0 only.
 
-    Overrides are "key=value" texts, as for a run; without a case only of contact.0.
-
-    Raises:
-        InputError: The case is wrong, or has no friction-map law.
+    InputError if the case is wrong, or has no friction-map law.
     """
     if case_file is None:
         contact = _built_in(overrides)
@@ -201,11 +198,7 @@ def _built_in(overrides: Sequence[str]) -> Contact:
 
 
 def validated_contact(data: dict[str, Any]) -> Contact:
-    """A `[[contact]]` table on its own.
-
-    Raises:
-        InputError: It is wrong; the message is the first problem.
-    """
+    """A `[[contact]]` table on its own; InputError is the first problem."""
     try:
         contact = Contact.model_validate(data)
     except ValidationError as error:

@@ -20,17 +20,10 @@ KINDS = {
 
 
 def write_starter(kind: str, target: Path | None = None) -> list[Path]:
-    """Write a starter case and what it needs; nothing that is there is changed.
+    """Write a starter case of `KINDS` and what it needs; the files, the case first.
 
-    Args:
-        kind: one of `KINDS`.
-        target: the case file, ending in .toml, or a directory for ``KIND.toml``; default: here.
-
-    Returns:
-        The files written, the case file first.
-
-    Raises:
-        InputError: there is no such kind, a file is there already, or cannot be written.
+    ``target``: the case file, ending in .toml, or a directory for ``KIND.toml``. InputError if
+    there is no such kind, a file is there already, or cannot be written; nothing is changed.
     """
     if kind not in KINDS:
         cure = f" (as in: tribox init two-blocks {kind})" if kind.endswith(".toml") else ""

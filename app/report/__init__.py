@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from pydantic import BaseModel
 
 from tribox.app.case.case import Case, given_keys
+from tribox.app.case.table import Model, meanings
 from tribox.app.errors import InputError
 from tribox.app.figures.style import fitting
 from tribox.app.report.tables import (
@@ -76,13 +76,7 @@ class Picture:
 
 
 def pictures_of(directory: Path, subject: str) -> list[Picture]:
-    """All figures of a results directory, those that tell most first.
-
-    ``subject``: title of the run, for the alternative texts.
-
-    Raises:
-        InputError: one is no picture.
-    """
+    """All figures of a results directory, those that tell most first; InputError if one is none."""
     from PIL import Image
 
     found = (p for p in (directory / "figures").glob("*.*") if p.suffix in _KINDS)
@@ -131,13 +125,7 @@ TEMPLATE = "template.html"
 
 
 def write_report(directory: Path, out: Path | None = None) -> Path:
-    """Write the report of a results directory.
-
-    ``out``: the file; default ``report.html`` in the directory.
-
-    Raises:
-        InputError: it is no results directory, or the file cannot be written.
-    """
+    """Write the report of a results directory, by default its ``report.html``; InputError."""
     results = read(directory)
     path = out or directory / NAME
     with files_of_one_run(results):
@@ -256,10 +244,7 @@ class InputTable:
 
 
 def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
-    """The tables of a case, in the order of a case file.
-
-    ``given``: dotted keys of what the case file gave; None: not known, all count as given.
-    """
+    """A case's tables, in its order; ``given``: dotted keys of the file, None: all count so."""
     data = case.model_dump(mode="json", exclude_none=True, exclude={"title"})
     tables: dict[str, list[Input]] = {}
     for title, place, key, value, meaning in _entries(case, data):
@@ -273,14 +258,11 @@ def input_tables(case: Case, given: Sequence[str] | None) -> list[InputTable]:
 
 
 def _entries(
-    table: BaseModel, data: Mapping[str, Any], title: str = "", place: str = "", inside: str = ""
+    table: Model, data: Mapping[str, Any], title: str = "", place: str = "", inside: str = ""
 ) -> Iterator[tuple[str, str, str, Any, str]]:
     """Title and place of its table, key in it, value and meaning of each key of a table and below.
 
-    Args:
-        data: the table as a case file has it.
-        title, place: of the table at the top of the case that this one is or lies in.
-        inside: dotted keys that lead from there to this one.
+    ``inside``: dotted keys from the table at the top of the case to this one.
     """
     for name, field in type(table).model_fields.items():
         key, value = field.alias or name, getattr(table, name)
@@ -293,8 +275,8 @@ def _entries(
             parts = [
                 (f"{key}.{n}", *one) for n, one in enumerate(zip(value, data[key], strict=True))
             ]
-        if not parts or not all(isinstance(one, BaseModel) for _, one, _ in parts):
-            yield title, place, f"{inside}{key}", data[key], field.description or ""
+        if not parts or not all(isinstance(one, Model) for _, one, _ in parts):
+            yield title, place, f"{inside}{key}", data[key], meanings(type(table)).get(name, "")
             continue
         for path, one, own in parts:
             if title:

@@ -215,15 +215,9 @@ def _largest(frame: DataFrame, first: str) -> DataFrame:
 def frame_table(
     frame: DataFrame, names: Sequence[str], caption: str, first: str = ""
 ) -> Table | None:
-    """Rows of a frame; columns that are 0 everywhere are left out, but for a few.
+    """Rows of a frame by some columns, but those that are 0 everywhere; None without rows.
 
-    Args:
-        frame: with columns as in the files, SI.
-        names: the columns wanted, in order; those that are missing are passed over.
-        first: title of the first column, where it is not the usual one.
-
-    Returns:
-        None where the frame has no rows.
+    ``first``: title of the first column, where it is not the usual one.
     """
     if frame.empty:
         return None
@@ -463,10 +457,7 @@ def origin(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def notes_and_warnings(summary: Mapping[str, Any]) -> tuple[list[str], list[str]]:
-    """What was noted before the first step, and what was warned of in the run.
-
-    Results of before there was a number of notes have warnings only.
-    """
+    """Notes before the first step, and warnings of the run; of old results all are warnings."""
     once = SaidOnce()
     lines, notes = (
         [once(line) for line in summary.get("warnings", [])],

@@ -129,10 +129,7 @@ class Claim:
     """
 
     def __init__(self, directory: Path, force: bool) -> None:
-        """Nothing is done yet.
-
-        ``force``: results that are there may be cleared.
-        """
+        """Nothing is done yet; ``force``: results that are there may be cleared."""
         self.directory, self._force = directory, force
         self._path = directory / LOCK
         self._descriptor: int | None = None
@@ -141,12 +138,7 @@ class Claim:
     def take(self, goes_on: bool = False) -> None:
         """See that results may be written, and lock the directory; nothing is cleared yet.
 
-        ``goes_on``: it is for a run that goes on, so that there are results.
-
-        Raises:
-            InputError: it holds results and ``force`` is not given, or other files, or links, or
-                another process is writing there.
-            OutputError: it cannot be made or written.
+        InputError if it holds results, not to go on with, or is in use; OutputError.
         """
         if goes_on:
             check_not_in_use(self.directory)
@@ -224,11 +216,7 @@ class Claim:
 
 
 def check_not_in_use(directory: Path, by_this: bool = False) -> None:
-    """See that no process is writing into a directory, but perhaps this one.
-
-    Raises:
-        InputError: one is.
-    """
+    """See that no process, but perhaps this one, is writing into a directory; else InputError."""
     owner = None if by_this else owner_of(directory)
     if owner is not None:
         raise InputError(in_use(directory, owner))
@@ -288,11 +276,7 @@ def is_beginning(directory: Path) -> bool:
 
 
 def check_may_begin_anew(directory: Path) -> None:
-    """See that a run that cannot be gone on with may be begun again in its directory.
-
-    Raises:
-        InputError: the directory holds something else than a run that has not come to its end.
-    """
+    """InputError if a directory holds something else than a run that has not come to its end."""
     try:
         present = directory.iterdir() if directory.exists() else ()
         empty = all(path.name in (LOCK, "summary.json.part") for path in present)

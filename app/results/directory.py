@@ -52,11 +52,7 @@ TEXT_COLUMNS = ("stage", "label", "pair", "surface", "body", "tool", "probe", "k
 
 
 def keep_inputs_apart(directory: Path, sources: Iterable[Path]) -> None:
-    """Refuse a results directory that holds what results are made from: it would be cleared.
-
-    Raises:
-        InputError: it does.
-    """
+    """InputError if a results directory, which is cleared, holds what results are made from."""
     for path in sources:
         if directory.resolve() in path.resolve().parents:
             raise InputError(
@@ -79,15 +75,9 @@ def suffixed_directory(source: Path, suffix: str) -> Path:
 def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None:
     """See that results may be written; changes nothing.
 
-    Args:
-        directory: where they are to go.
-        force: whether results that are there may be cleared.
-        labels: sub-directories of a sweep whose results are there (``sweep_labels``); only
-            these count as results too.
-
-    Raises:
-        InputError: the directory holds results (or anything else) and ``force`` is not given, or
-            holds files that are not results, which are never removed.
+    ``labels``: sub-directories of a sweep, which count as results too (``sweep_labels``).
+    InputError if the directory holds anything without ``force``, or what is no result, which is
+    never removed.
     """
     try:
         taken = directory.exists() and not directory.is_dir()
@@ -112,18 +102,11 @@ def check_free(directory: Path, force: bool, labels: Sequence[str] = ()) -> None
 
 
 def prepare(directory: Path, labels: Sequence[str] = (), begins: bool = False) -> None:
-    """Make the directory and clear old results from it, after :func:`check_free`.
+    """Make the directory and clear old results, of a sweep's ``labels`` too; OutputError.
 
-    Whatever else is there by now stays.
-
-    Args:
-        directory: where results are to go.
-        labels: as of :func:`check_free`.
-        begins: whether a run begins there. Then there is a summary, ``BEGINNING``, before anything
-            is cleared or written, so that who is killed from here on can begin again.
-
-    Raises:
-        OutputError: it cannot be made or written.
+    After :func:`check_free`; whatever else is there by now stays. Where a run ``begins`` there is a
+    summary, ``BEGINNING``, before anything is cleared or written, so that who is killed from here
+    on can begin again.
     """
     summary = directory / "summary.json"
     try:
@@ -219,11 +202,7 @@ def unwritable(directory: Path, error: OSError) -> OutputError:
 
 
 def open_own(path: Path, flags: int, mode: int = 0o666) -> int:
-    """Open a file of a results directory: no link to another file, nor a pipe.
-
-    Raises:
-        OSError: it cannot be opened, or is none.
-    """
+    """Open a file of a results directory; OSError if it is a link, a pipe, or cannot be opened."""
     safe = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         descriptor = os.open(path, flags | safe, mode)
@@ -242,11 +221,7 @@ _LINK = "is a link or no file, and is not followed"
 
 
 def check_no_links(directory: Path) -> None:
-    """See that nothing that a run goes on with is a link, which others may have put there.
-
-    Raises:
-        InputError: something is.
-    """
+    """InputError if anything that a run goes on with is a link, which others may have put there."""
     for path in directory.rglob("*") if directory.is_dir() else ():
         top = path.relative_to(directory).parts[0]
         known = (*OWN, *BELOW, LOCK, "inputs")
@@ -287,11 +262,7 @@ def write_json(path: Path, data: Mapping[str, Any]) -> None:
 
 
 def json_of(text: str) -> Any:
-    """What a text in JSON holds.
-
-    Raises:
-        ValueError: it is no JSON, or holds half of a pair of surrogates, which no file takes.
-    """
+    """What JSON holds; ValueError if it is none, or has half a pair of surrogates."""
     try:
         found = json.loads(text)
         json.dumps(found, ensure_ascii=False).encode()
@@ -380,12 +351,10 @@ class GrowingTable:
     def __init__(
         self, path: Path, columns: Sequence[str], after: int | None = None, more: int = 0
     ) -> None:
-        """Begin the file with the names of the columns, or go on with one that is there.
+        """Begin with the columns' names, or go on with a table that is there.
 
-        Args:
-            columns: their names, of a new file; the first is the number of the step.
-            after: number of the step whose rows are the last to be kept; None: a new file.
-            more: rows of the step after that one which are kept too, the first of them.
+        ``after``: last step whose rows are kept, None: a new file; ``more``: rows of the next kept
+        too.
         """
         self.written = 0
         if after is None or not has_rows(path):

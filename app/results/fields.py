@@ -64,20 +64,14 @@ def vtk_order(element: basix.finite_element.FiniteElement) -> Longs:
 
 
 class GatheredMesh:
-    """The mesh of a displacement, whole on the first rank.
+    """The mesh of a displacement, whole on the first rank; empty on the others.
 
-    Attributes:
-        cells: (c, a) nodes of each cell, in VTK's order; kind: VTK's number of the cells.
-        reference: (n, i), m, undeformed places of the nodes.
-        node_order: (n,) number of each node among those of all ranks, one rank after the other.
-            All are empty on the other ranks.
+    ``cells``: (c, a) in VTK's order, ``kind`` its number; ``reference``: (n, i), m, of nodes;
+    ``node_order``: (n,) their numbers among all ranks' nodes.
     """
 
     def __init__(self, space: dolfinx.fem.FunctionSpace) -> None:
-        """Gather cells and reference places; collective.
-
-        The space is that of the displacement, blocked Lagrange of degree 1 or 2.
-        """
+        """Gather a blocked Lagrange space of degree 1 or 2: cells, reference places; collective."""
         mesh = space.mesh
         self._comm: MPI.Comm = mesh.comm
         owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
@@ -101,11 +95,7 @@ class GatheredMesh:
         self.reference = self.nodal(places)
 
     def nodal(self, values: Floats) -> Floats:
-        """Values (n, k) at the nodes of those (m, k) at all of this rank's own; collective.
-
-        Returns:
-            On the first rank; on the others no row.
-        """
+        """Values (n, k) at all nodes, from (m, k) at own ones; on the first rank; collective."""
         return gathered(self._comm, values).take(self.node_order, axis=0)
 
     def cellwise(self, values: NDArray[Number]) -> NDArray[Number]:
@@ -129,11 +119,7 @@ def gathered(comm: MPI.Comm, values: NDArray[Number]) -> NDArray[Number]:
 
 
 def _numbered(rows: Longs) -> tuple[Longs, Longs]:
-    """Nodes numbered as the cells name them.
-
-    Returns:
-        (c, a) the same cells in new numbers, and (n,) the old number of each node.
-    """
+    """Cells (c, a) with nodes numbered as they come, and (n,) the old number of each."""
     old, first, at = np.unique(rows.reshape(-1), return_index=True, return_inverse=True)
     # Unique numbers come sorted; where each first stands says in which order cells name them.
     order = np.argsort(first)
@@ -185,12 +171,8 @@ class CellValues:
 class StressField:
     """Evaluates deformation and Cauchy stress at the centres of this rank's own cells.
 
-    Of bodies that remember, the stress is that of the last committed step: see
-    :mod:`tribox.forms.bodies.memory_solid` for how it comes from the quadrature points to the
-    centre.
-
-    Attributes:
-        flows: whether there is a body that flows.
+    Of bodies that remember, that of the last committed step, brought there by
+    :mod:`tribox.forms.bodies.memory_solid`; ``flows``: whether one does.
     """
 
     def __init__(self, u: dolfinx.fem.Function, solids: Sequence[Solid]) -> None:
@@ -231,12 +213,9 @@ class ContactPressureField:
         self._rows = [_interpolation(surface) for surface in surfaces]
 
     def at(self, pressures: Sequence[Floats]) -> Floats:
-        """Pressure (n,), Pa, at this rank's nodes of the displacement.
+        """Pressure (n,), Pa, at this rank's nodes, from (v,), Pa, at all vertices of surfaces.
 
         Where surfaces share a node the largest counts.
-
-        Args:
-            pressures: (v,), Pa, at the vertices of each surface, on all ranks.
         """
         out = np.zeros(self._count)
         for (nodes, vertices, share), values in zip(self._rows, pressures, strict=True):

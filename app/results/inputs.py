@@ -19,10 +19,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from tribox.app.case.bodies import OwnBody
 from tribox.app.case.case import Case, resolved_toml
-from tribox.app.case.friction import OwnLaw
-from tribox.app.case.geometry import MeshGeometry
 from tribox.app.errors import InputError
 from tribox.app.results.directory import SUMS, sha256_of, unwritable, write_text
 
@@ -43,30 +40,15 @@ NOTHING = KeptInputs()
 
 def input_files(case: Case) -> list[Path]:
     """The files that a case, or a value of its sweep, names: meshes, Python of its own."""
-    found: dict[Path, None] = {}
-    for one in (case, *(part for _, part in case.sweep_cases())):
-        if isinstance(one.geometry, MeshGeometry):
-            found[one.geometry.mesh] = None
-            if one.geometry.meshed is not None:
-                found[one.geometry.meshed] = None
-        found |= dict.fromkeys(file for tool in one.tools.values() for file in tool.files)
-        laws = [c.friction.file for c in one.contact if isinstance(c.friction, OwnLaw)]
-        found |= dict.fromkeys(laws)
-        found |= dict.fromkeys(b.file for b in one.bodies.values() if isinstance(b, OwnBody))
-    return list(found)
+    every = (case, *(part for _, part in case.sweep_cases()))
+    return list(dict.fromkeys(path for one in every for _, path in one.named_files()))
 
 
 def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptInputs:
     """Copy all that a case reads beside its file into ``inputs`` of a results directory.
 
-    Args:
-        directory: of its results, ready to be written.
-        like: directory whose ``inputs`` hold copies of the same files, that of the sweep: what is
-            the same there is linked, so that it takes no room again.
-
-    Raises:
-        InputError: a file cannot be read.
-        OutputError: it cannot be copied.
+    ``like``: directory whose ``inputs`` hold copies of the same files, that of the sweep: what is
+    the same there is linked, so that it takes no room again. InputError or OutputError.
     """
     kept = kept_inputs(case)
     names, sums, folder = kept.names, kept.sums, directory / INPUTS
@@ -85,11 +67,7 @@ def keep_inputs(case: Case, directory: Path, like: Path | None = None) -> KeptIn
 
 
 def kept_inputs(case: Case) -> KeptInputs:
-    """What :func:`keep_inputs` makes of a case; nothing is copied.
-
-    Raises:
-        InputError: a file cannot be read.
-    """
+    """What :func:`keep_inputs` makes of a case, not copied; InputError if a file is unreadable."""
     names = copy_names(case)
     return KeptInputs(names, {name: sha256_of(source) for source, name in names.items()})
 
@@ -164,10 +142,9 @@ def _processor() -> str:
 
 
 def kernels() -> dict[str, str]:
-    """The program's compiled C sources that this process has loaded: name, and key of its build.
+    """The compiled C sources that this process has loaded: name, and key of its build.
 
-    The key is of the source, its headers, the compiler's options and the machine. None where the
-    system does not tell.
+    That is of source, headers, options and machine; none where the system does not tell.
     """
     try:
         mapped = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")

@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 
 from tribox.app.build.model import Model
 from tribox.app.build.tools import extent
-from tribox.app.results.contact_points import (
-    VTK_KINDS,
-    ContactPoints,
-    contact_nodes,
-    nodal_pressure,
-    slave_facets,
-)
+from tribox.app.results import contact_points
 from tribox.app.results.directory import Place, write_text
 from tribox.app.results.fields import ContactPressureField, GatheredMesh, StressField
 from tribox.app.results.saving import Saving
@@ -47,10 +41,7 @@ class Series:
     def __init__(
         self, directory: Path, name: str, times: Mapping[int, float] | None = None
     ) -> None:
-        """Nothing is written yet; the index comes with the first of the files.
-
-        ``times``: s, by step, of the files that are kept of a run that goes on; others are removed.
-        """
+        """No index yet; files of ``times`` (s, by step) are kept of a run that goes on."""
         self._directory, self._name = directory, name
         self._place = Place(directory)
         self._lines: list[str] = []
@@ -127,10 +118,7 @@ class ToolSeries:
     def __init__(
         self, model: Model, directory: Path, times: Mapping[int, float] | None = None
     ) -> None:
-        """Make the outlines; collective.
-
-        The model must have tools. ``times``: s, by step, of the files that are there and kept.
-        """
+        """Make the outlines of tools, kept files by ``times`` (s, by step); collective."""
         self._problem = model.problem
         box = extent(model.named)
         self._outlines = [tool.surface.outline(box) for tool in model.problem.tools]
@@ -169,15 +157,15 @@ class ContactSeries:
     ) -> None:
         """Find what does not change, and keep the files of ``times`` (s, by step); collective."""
         self._model = model
-        facets = slave_facets(model)
-        self._points = ContactPoints(model)
+        facets = contact_points.slave_facets(model)
+        self._points = contact_points.ContactPoints(model)
         self.series: list[Series] = []
         self._fixed: list[dict[str, Packed]] = [{}, {}]
         if model.problem.comm.rank == 0:
             self.series = [Series(directory, name, times) for name in (SURFACES, POINTS)]
             count = len(self._points.weight)
             self._cells = [
-                Cells.of_one_kind(facets.nodes, VTK_KINDS[facets.kind]),
+                Cells.of_one_kind(facets.nodes, contact_points.VTK_KINDS[facets.kind]),
                 Cells.of_one_kind(np.arange(count)[:, None], VERTEX),
             ]
             self._pair = pack(facets.pair, lasting=True)
@@ -185,7 +173,7 @@ class ContactSeries:
     def write(self, step: int, time: float) -> None:
         """Write the last converged state."""
         points = self._points.arrays(self._model)
-        nodes = contact_nodes(self._model)
+        nodes = contact_points.contact_nodes(self._model)
         if points is None or nodes is None:
             return
         self._write(0, nodes, {"pair": self._pair}, step, time)
@@ -221,10 +209,7 @@ class OutputFiles:
         saving: Saving,
         times: Mapping[int, float] | None = None,
     ) -> None:
-        """Open the files; collective.
-
-        ``times``: s, by step, of what a run that goes on has written and keeps.
-        """
+        """Open the files, or go on with those of ``times`` (s, by step); collective."""
         problem = model.problem
         surfaces = [term.surface for term in problem.contacts]
         self._model, self._saving = model, saving
@@ -249,7 +234,7 @@ class OutputFiles:
         """Write the displacement and the last converged state of the contacts; collective."""
         self.times[step] = time
         pairs = zip(self._model.problem.contacts, self._model.problem.committed, strict=True)
-        pressures = [nodal_pressure(*pair) for pair in pairs]
+        pressures = [contact_points.nodal_pressure(*pair) for pair in pairs]
         for _, write in self._parts:
             with self._saving:
                 write(step, time, pressures)
@@ -303,10 +288,7 @@ class FieldSeries:
             self._body = pack(body, lasting=True)
 
     def write(self, step: int, time: float, pressures: Sequence[Floats] = ()) -> None:
-        """Write the present state.
-
-        ``pressures``: Pa, (v,) at the vertices of each slave surface.
-        """
+        """Write the present state, with pressures (v,), Pa, at each slave's vertices."""
         # Displacement, m, and contact pressure, Pa, (n, i + 1) at this rank's own nodes.
         out = np.zeros((self._owned, self._dim + 1))
         out[:, : self._dim] = self._u.x.array.reshape(-1, self._dim)[: self._owned]

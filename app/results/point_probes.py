@@ -64,13 +64,10 @@ def stress_and_strain(tensor: Sequence[tuple[str, int, int]]) -> tuple[str, ...]
 
 
 class PointProbes:
-    """The table of the points and lines.
+    """The table of the points and lines; ``label``: of each row's first cells.
 
     On a side between cells of a body, displacement, Cauchy stress and logarithmic strain are the
     means of all cells there; all else in a row follows from these means.
-
-    Attributes:
-        columns: names of the columns after those that say when; label: of each row's first cells.
     """
 
     def __init__(self, model: Model, probes: Sequence[PointPlaces]) -> None:
@@ -185,10 +182,7 @@ class ContactProbes:
     """The table of the contact lines: nodal values, linear between the vertices."""
 
     def __init__(self, model: Model, probes: Sequence[tuple[str, str, int | None]]) -> None:
-        """Find the points on the surfaces; collective.
-
-        ``probes``: name, contact pair, and number of points or None for the vertices.
-        """
+        """Find the points of ``probes``: name, pair, number or None for vertices; collective."""
         self._model = model
         labels = [contact.label for contact in model.case.contact]
         self._asked = [(name, labels.index(pair), points) for name, pair, points in probes]
@@ -258,17 +252,9 @@ def _along(
 
 
 def arc_length(facets: Longs, place: Floats) -> tuple[Longs, Floats]:
-    """Vertices of a surface in the plane one after the other, and their arc length.
+    """Vertices (n,) of a surface in the plane one after the other, and their arc length (n,), m.
 
-    The vertices are numbered by place, x first, and pieces begin as :func:`chains` says. The arc
-    length goes on from one piece to the next.
-
-    Args:
-        facets: (f, 2) vertices of the segments.
-        place: (v, i), m.
-
-    Returns:
-        (n,) vertices and (n,), m.
+    Of segments (f, 2) at places (v, i), m, as :func:`chains` says; it goes on between pieces.
     """
     order: list[Longs] = []
     way: list[Floats] = []

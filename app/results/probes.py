@@ -14,18 +14,9 @@ from mpi4py import MPI
 from tribox.app.build.model import Model
 from tribox.app.errors import InputError
 from tribox.app.implicit.stepper import StepResult
+from tribox.app.results import point_probes
 from tribox.app.results.directory import PROBE_TABLES, GrowingTable, has_rows, header_of
 from tribox.app.results.fields import strain_of
-from tribox.app.results.point_probes import (
-    AXES,
-    ContactProbes,
-    NodeTable,
-    PointProbes,
-    ShapeTable,
-    components,
-    reduced_rows,
-    stress_and_strain,
-)
 from tribox.app.results.reading import read_table
 from tribox.app.results.saving import Saving, on_first
 from tribox.app.simulation.history import Row
@@ -57,10 +48,7 @@ class ProbeRecorder(Observer):
     def __init__(
         self, model: Model, directory: Path, saving: Saving | None = None, after: int | None = None
     ) -> None:
-        """Make the tables that the case has probes for; collective.
-
-        ``after``: step that a run goes on after; rows of later ones are dropped.
-        """
+        """Make the tables; those of a run that goes on end ``after`` a step; collective."""
         self._saving, self._after = saving or Saving(directory), after
         self._problem = model.problem
         self._tables = {directory / name: table for name, table in _tables(model).items()}
@@ -93,11 +81,7 @@ class ProbeRecorder(Observer):
             file.sync()
 
     def step(self, state: RunState, row: Row, result: StepResult | Interval) -> None:
-        """Append the rows of a step; collective.
-
-        Raises:
-            InputError: a table that the run goes on with has other columns; nothing was appended.
-        """
+        """Append a step's rows; collective; InputError if the table has other columns."""
         if not self._tables:
             return
         with self._problem.timer("output"):
@@ -131,13 +115,16 @@ def _tables(model: Model) -> dict[str, Table]:
     tables: dict[str, Table] = {}
     points_table, body_table, contact_table, shape_table, node_table = PROBE_TABLES
     if model.probes:
-        tables[points_table] = PointProbes(model, model.probes)
+        tables[points_table] = point_probes.PointProbes(model, model.probes)
     if bodies:
         tables[body_table] = BodyProbes(model, bodies)
     if contacts:
-        tables[contact_table] = ContactProbes(model, contacts)
+        tables[contact_table] = point_probes.ContactProbes(model, contacts)
     if model.lines:
-        tables[shape_table], tables[node_table] = ShapeTable(model), NodeTable(model)
+        tables[shape_table], tables[node_table] = (
+            point_probes.ShapeTable(model),
+            point_probes.NodeTable(model),
+        )
     return tables
 
 
@@ -212,13 +199,10 @@ class BodyProbes:
     """
 
     def __init__(self, model: Model, probes: Sequence[tuple[str, str]]) -> None:
-        """Tabulate the shape functions at the quadrature points.
-
-        ``probes``: names of the probes, each with its body's.
-        """
+        """Tabulate at the quadrature points; ``probes``: their names, each with its body's."""
         solids = {solid.name: solid for solid in model.problem.solids}
         self._model = model
-        self._components = components(model.problem.dim)
+        self._components = point_probes.components(model.problem.dim)
         self._probes = [(name, _Body(model, solids[body])) for name, body in probes]
         self._flows = model.problem.flows
         self._branches = max((len(s.dissipated_by_part) for s in model.problem.solids), default=0)
@@ -227,11 +211,11 @@ class BodyProbes:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns after those that say when."""
-        axes = AXES[: self._model.problem.dim]
+        axes = point_probes.AXES[: self._model.problem.dim]
         return (
             *("probe", "body", "volume"),
             *(f"centre_{x}" for x in axes),
-            *stress_and_strain(self._components),
+            *point_probes.stress_and_strain(self._components),
             "max_von_mises_stress",
             *(f"max_von_mises_{x}" for x in axes),
             "strain_energy",
@@ -289,18 +273,13 @@ class _Body:
         space = model.problem.space
         self._points = BodyPoints(space, solid)
         self._nodes = space.dofmap.list[solid.cells]
-        self._centre = reduced_rows(solid, space, solid.cells)
+        self._centre = point_probes.reduced_rows(solid, space, solid.cells)
         self._stress = solid.stress_at(solid.cells, None)
         local = float(self._points.weight.sum())
         self._reference = float(model.problem.comm.allreduce(local, op=MPI.SUM))
 
     def values(self, tensor: Sequence[tuple[str, int, int]], energy: float) -> Floats:
-        """The columns of numbers, on all ranks; collective.
-
-        Args:
-            tensor: :func:`components`.
-            energy: this rank's strain energy of the body, J per unit thickness.
-        """
+        """The columns, on all ranks, of components and this rank's energy, J/m; collective."""
         comm, dim = self._problem.comm, self._problem.dim
         u = self._problem.u.x.array.reshape(-1, dim)[self._nodes]
         F = self._points.deformation(u)

@@ -72,11 +72,7 @@ class Table:
 
     @classmethod
     def from_csv(cls, text: str) -> Table:
-        """The table in a text.
-
-        Raises:
-            ValueError: it is none, lines differ in length, or a number is none.
-        """
+        """The table in a text; ValueError if it is none, or a number is none."""
         try:
             header, *rows = [
                 row for row in csv.reader(StringIO(text, newline=""), strict=True) if row
@@ -92,11 +88,7 @@ class Table:
 
     @classmethod
     def from_records(cls, records: Sequence[Mapping[str, Any]]) -> Table:
-        """The table whose rows are given by name.
-
-        Raises:
-            ValueError: rows differ in their names, or a number is none.
-        """
+        """The table of rows by name; ValueError if they differ in names, or a number is none."""
         names = list(records[0]) if records else []
         if any(record.keys() != records[0].keys() for record in records):
             raise ValueError("rows of different columns")
@@ -113,10 +105,7 @@ class Table:
         return self.columns[name]
 
     def rows(self, which: Column | slice) -> Table:
-        """Some of the rows.
-
-        ``which``: their numbers (k,), or (n,) whether a row is one of them.
-        """
+        """Some of the rows, by their numbers (k,) or whether each is one of them (n,)."""
         return Table({name: values[which] for name, values in self.columns.items()})
 
     def where(self, name: str, *values: object) -> Table:
@@ -135,11 +124,7 @@ class Table:
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:
-    """Rows of a CSV file that was written whole, by name.
-
-    Raises:
-        InputError: there is none, or it is cut off.
-    """
+    """Rows of a CSV file, by name; InputError if there is none, or it is cut off."""
     try:
         return Table.from_csv(_text(path, "a table")).records()
     except ValueError:
@@ -147,12 +132,9 @@ def read_table(path: Path) -> list[dict[str, Any]]:
 
 
 def column_of(name: str, values: Iterable[Any]) -> Column:
-    """A column (n,) of a table: text where its name says so, else floats.
+    """A column (n,) of a table: text where its name says so, else floats, or ValueError.
 
     What was swept (``value``) is text where it is no number.
-
-    Raises:
-        ValueError: a number is missing or is none.
     """
     found = list(values)
     if None in found:
@@ -197,11 +179,7 @@ def _frame_of(name: str, words: str) -> cached_property[DataFrame]:
 
 
 def read(directory: str | Path) -> Results:
-    """Read a results directory of ``tribox run``, also one of a run that goes on.
-
-    Raises:
-        InputError: it is no such directory.
-    """
+    """A results directory of ``tribox run``, also while it runs; InputError if it is none."""
     return Results(Path(directory))
 
 
@@ -231,20 +209,12 @@ class Results:
 
     @cached_property
     def case(self) -> Case:
-        """The case as it was run, every default resolved, in SI.
-
-        Raises:
-            InputError: the case file is not one of this version.
-        """
+        """The case as run, all defaults resolved, in SI; InputError if of another version."""
         return load_past_case(self.directory / "case.toml")
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` holds: little while the run goes on, and if it was killed.
-
-        Raises:
-            InputError: it cannot be read, or is none.
-        """
+        """What ``summary.json`` holds, little while the run goes on; InputError if it is none."""
         path = self.directory / "summary.json"
         if not path.exists():
             return {}
@@ -293,11 +263,7 @@ class Results:
 
     @cached_property
     def parts(self) -> dict[str, Results]:
-        """The runs of a sweep by label, in its order; those without results are left out.
-
-        Raises:
-            InputError: a label is no name of a directory in this one.
-        """
+        """Runs of a sweep by label, but those without results; InputError if one is no name."""
         labels = list(self.summary.get("parts", ()))
         odd = next((label for label in labels if not _is_label(label)), None)
         if odd is not None:
@@ -309,11 +275,7 @@ class Results:
         return {k: Results(path) for k, path in found.items() if (path / "case.toml").is_file()}
 
     def table(self, name: str) -> Table:
-        """A table as plain columns, which need no pandas.
-
-        Raises:
-            InputError: the file is cut off or not a table.
-        """
+        """A table as columns, which need no pandas; InputError if it is cut off, or is none."""
         if name not in self._tables:
             if name == "load_steps":
                 self._tables[name] = self._load_steps()

@@ -44,10 +44,7 @@ UNBALANCED_FORCE = 1e-4  # resultant on a body over the largest force from which
 class Recorder(Observer):
     """Observer that writes files; all ranks take part, the first one writes.
 
-    Attributes:
-        directory: results directory, ready to be written.
-        load_steps: what each load step ended with, for the summary.
-        resumed: steps after which the run was gone on with, having ended.
+    ``load_steps``: what each ended with; ``resumed``: steps at which an ended run was gone on with.
     """
 
     def __init__(
@@ -61,14 +58,9 @@ class Recorder(Observer):
     ) -> None:
         """Open the outputs and write the resolved case; collective.
 
-        Args:
-            model: that is run.
-            directory: of the results, ready to be written.
-            given: dotted keys that the case file gave, for the summary.
-            kept: copies of the files that the case reads, which the resolved case names instead.
-            saving: keeps errors of writing, until somebody or the end asks for them.
-            resumed: what :meth:`snapshot` has seen, of a run that goes on: what was written after
-                it is dropped.
+        ``given``: dotted keys of the case file, for the summary; ``kept``: copies of files that the
+        resolved case names; ``saving``: keeps errors of writing; ``resumed``: what :meth:`snapshot`
+        has seen, of a run that goes on: what was written after it is dropped.
         """
         self.model = model
         self.directory = directory
@@ -100,10 +92,7 @@ class Recorder(Observer):
         self._files = OutputFiles(model, directory, self.saving, times)
 
     def mark(self, status: str, failure: str | None = None) -> None:
-        """Write a summary of what is known without the other ranks, on the first; not collective.
-
-        ``status``: running, interrupted or failed, and why it failed.
-        """
+        """Write a summary, status and why it failed, as far as the first rank knows it."""
         path = self.directory / "summary.json"
         # From the handler of a signal this may come while such a summary is being written.
         if self.first and not path.with_name(path.name + ".part").exists():
@@ -171,12 +160,9 @@ class Recorder(Observer):
             self.mark("running")
 
     def close(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
-        """Write history and summary; after a failure also the last state; collective.
+        """Write history, summary and its status, or failure and the last state; collective.
 
-        ``status``: done, interrupted or failed, and why it failed.
-
-        Raises:
-            OutputError: something could not be written, and nothing else had failed.
+        OutputError if something could not be written, and nothing else had failed.
         """
         unwritten = self.saving.problem_of_all(self.comm)
         balance = force_balance(simulation)
@@ -234,10 +220,7 @@ class Recorder(Observer):
             self._tables.sync()
 
     def rescue(self, simulation: Simulation, status: str, failure: str | None = None) -> None:
-        """Write the history after an error of this rank alone; not collective.
-
-        ``status``: interrupted or failed, and why it failed.
-        """
+        """Write the history after an error of this rank alone, its status and why."""
         with self.saving:
             self._write_tables(simulation.state)
             if self.first:
@@ -356,12 +339,9 @@ class Recorder(Observer):
 
 
 def lost_below_onset(term: ContactTerm, trial: ContactTrial, onset: float, comm: MPI.Comm) -> float:
-    """Share of the film's force that pressures below the onset take away; collective.
+    """Share of the film's force that pressures below the ``onset``, Pa, take away; collective.
 
-    By the work of a step, so that what does not slide does not count. 0 where the friction misses
-    less than `LOST_FILM` by it, as that of a dry contact or of asperities that carry nearly all.
-
-    ``onset``: Pa, pressure from which the film is whole.
+    By the work of a step; 0 where less than `LOST_FILM` of the friction is missing.
     """
     if onset <= 0.0:
         return 0.0
@@ -380,11 +360,7 @@ def _extent(comm: MPI.Comm, values: Floats) -> list[float]:
 
 
 def force_balance(simulation: Simulation) -> float | None:
-    """Largest resultant force on a body in equilibrium over the largest force; collective.
-
-    Returns:
-        None where nothing but round-off acts.
-    """
+    """Largest resultant on a body in equilibrium over the largest force; None: rounding only."""
     case, problem = simulation.model.case, simulation.model.problem
     still = [s.name for s in case.stage if solver_of(s, case.solver.kind) == "implicit"]
     problem.spread(simulation.state.stepper.x)  # not what a failed step left

@@ -18,14 +18,7 @@ Result = TypeVar("Result")
 
 
 def on_first(comm: MPI.Comm, action: Callable[[], Result]) -> Result | None:
-    """Do something on the first rank; collective.
-
-    Returns:
-        What it gives; None on the other ranks.
-
-    Raises:
-        InputError, OutputError: as of the action, on all ranks.
-    """
+    """What an action on the first rank gives, None on others; collective, as its errors are."""
     result, problem = None, None
     if comm.rank == 0:
         try:
@@ -42,13 +35,9 @@ def on_first(comm: MPI.Comm, action: Callable[[], Result]) -> Result | None:
 
 
 class Saving:
-    """Context that keeps an error of writing, so that its rank goes on to meet the others.
+    """Context that keeps an error of writing as ``problem``, so that its rank meets the others.
 
     A block within it may meet other ranks before it writes, not after.
-
-    Attributes:
-        problem: what the first write that failed said; None: all went well.
-        place: of the results.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -85,11 +74,7 @@ class Saving:
         return next(problem for problem in comm.allgather(self.problem) if problem is not None)
 
     def raise_together(self, comm: MPI.Comm) -> None:
-        """Raise on all ranks what a rank could not write; collective.
-
-        Raises:
-            OutputError: there was an error.
-        """
+        """OutputError on all ranks for what one of them could not write; collective."""
         problem = self.problem_of_all(comm)
         if problem is not None:
             raise OutputError(problem)

@@ -94,15 +94,9 @@ def write_vtu(
     time: float,
     step: int,
 ) -> None:
-    """Write a file, under a temporary name first.
+    """Write points (n, 3), m, and cells, under a temporary name first, with ``time``, s, and step.
 
-    Args:
-        points: (n, 3), m.
-        cells: between them.
-        point_data: (n,) or (n, i) by name.
-        cell_data: (c,) or (c, i) by name.
-        time: s, as the field datum ``TimeValue``, which VTK takes for the time of the file.
-        step: number of the step, as the field datum ``step``.
+    Data (n,) or (n, i) of points, (c,) or (c, i) of cells, by name.
     """
     order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
     with written_whole(path) as part, part.open("wb") as stream:

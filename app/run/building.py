@@ -25,10 +25,7 @@ MOST_BUILT = 20  # values of a sweep that are put together to see what shows onl
 
 
 def notes_on_sweep(case: Case, runs_code: bool = False) -> tuple[list[str], list[str]]:
-    """Notes on a case, or on the values of its sweep, and what is wrong with them.
-
-    Returns the notes and the problems, a line each, in their order and without repeats.
-    """
+    """Notes and problems of a case, or of its sweep's values: a line each, none twice."""
     parts = [part for _, part in case.sweep_cases()] or [case]
     every = -(-len(parts) // MOST_BUILT)
     notes: dict[str, None] = {}
@@ -45,12 +42,7 @@ def notes_on_sweep(case: Case, runs_code: bool = False) -> tuple[list[str], list
 
 
 def notes_on_building(case: Case, runs_code: bool = False) -> list[str]:
-    """The notes on a case whose mesh, forms and contacts are made and dropped again.
-
-    Raises:
-        InputError: mesh and case do not go together, a law that is run cannot be used, or PETSc has
-            no use for an option.
-    """
+    """Notes on a case whose mesh, forms and contacts are made and dropped again; InputError."""
     silence()  # a case that is only put together leaves options of PETSc without use
     model = build_model(case, MPI.COMM_SELF, runs_code)
     own = _own_code(case)
@@ -88,11 +80,7 @@ PRESSURE = 0.1  # of the softest body's shear modulus, where the case prescribes
 
 
 def check_laws(cases: Sequence[Case]) -> None:
-    """Print a table for each friction law; laws in Python are run.
-
-    Raises:
-        InputError: a law does not keep what it promises, or fails.
-    """
+    """Print a table for each friction law, Python's run; InputError if one fails, or is wrong."""
     wrong: list[str] = []
     known: list[Contact] = []
     for case in cases:

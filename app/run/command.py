@@ -24,13 +24,7 @@ from tribox.app.run.ranks import RunOptions, run_on_ranks
 
 
 def run_command(case_file: Path, options: RunOptions) -> int:
-    """Run a case, or every value of its sweep, and write results and figures.
-
-    Returns the exit code.
-
-    Raises:
-        TriboxError: as of :func:`tribox.app.run.run_case`; or the options do not go together.
-    """
+    """Run a case, or its sweep, and write results and figures; the exit code; TriboxError."""
     if options.force and options.goes_on:
         raise InputError("--force begins anew, --resume and --extend go on: give one of them")
     directory = options.out or default_directory(case_file)
@@ -97,10 +91,7 @@ def _run_on_ranks(case_file: Path, directory: Path, options: RunOptions, changes
 
 
 def run_check(case_file: Path, overrides: Sequence[str], law: bool, trust: bool) -> int:
-    """Check a case file and print what is found.
-
-    Returns the exit code.
-    """
+    """Check a case file and print what is found; the exit code."""
     if problems := check_case(case_file, overrides):
         return _refused(problems)
     from tribox.app.run.building import notes_on_sweep

@@ -32,14 +32,9 @@ from tribox.geometry.meshes.mesh import NamedMesh, read
 def write_case_mesh(
     case_file: Path, overrides: Sequence[str], out: Path | None, force: bool, trust: bool
 ) -> None:
-    """Write a picture of a case's mesh, and the mesh where it is not a file already.
+    """Write a picture of a case's mesh, and the mesh if it is none of a file, to ``out``.
 
-    Args:
-        out: Directory; None: beside the results.
-
-    Raises:
-        InputError: The case or its mesh cannot be used, or a file is there.
-        OutputError: The directory cannot be made.
+    InputError if case or mesh cannot be used, or a file is there; OutputError.
     """
     case = load_case(case_file, overrides)
     default = default_directory(case_file)
@@ -69,11 +64,7 @@ def write_case_mesh(
 
 
 def marks_of(case: Case, named: NamedMesh) -> Marks:
-    """What a picture of a case shows beside its mesh: tools, pairs, and what is done to surfaces.
-
-    Raises:
-        InputError: A tool has no shape.
-    """
+    """What a mesh picture shows of a case: tools, pairs, deeds; InputError of a tool's shape."""
     words: dict[str, list[str]] = {}
     arrows: dict[str, list[Arrow]] = {}
     for name, table in (*((b.surface, b) for b in case.boundary), *case.tools.items()):
@@ -144,13 +135,9 @@ def _first(table: TimeTable) -> float:
 
 
 def write_drawing_mesh(drawing: Path, out: Path | None, force: bool, trust: bool) -> None:
-    """Write the mesh of a drawing; of a STEP file with a name for each part, and a picture.
+    """Write the mesh of a drawing to ``out`` or beside it; of STEP with a name for each part.
 
-    Args:
-        out: The mesh file; None: beside the drawing.
-
-    Raises:
-        InputError: The drawing cannot be meshed, or a file is there or cannot be written.
+    InputError if it cannot be meshed, or a file is there or cannot be written.
     """
     if not drawing.exists():
         raise InputError(f"{drawing}: no such file")

@@ -193,11 +193,7 @@ def drop_output(descriptor: int = 1) -> None:
 
 
 def end_process() -> None:
-    """See that all that was printed has been written; from here on no signal matters.
-
-    Raises:
-        SystemExit: it has not.
-    """
+    """See that all that was printed is written, else SystemExit; no signal matters from here on."""
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
     # Python ends by SIGINT, whatever the exit code, if the last text that it ran as code (as

@@ -30,12 +30,7 @@ LINE_EVERY = 2.0  # s between two lines on an explicit run
 class Reporter(Observer):
     """Prints one line per step, or moves a bar on a terminal; keeps all lines in the log.
 
-    An explicit run, with its many steps, has a line every two seconds.
-
-    Only the first rank makes one; the others use a plain :class:`Observer`.
-
-    Attributes:
-        saving: keeps errors of writing files.
+    Only the first rank makes one; explicit runs have a line every two seconds.
     """
 
     def __init__(

@@ -120,10 +120,7 @@ def repeats(first: int) -> tuple[int, int]:
 class Forwarding:
     """Context in which signals to stop go to child processes, and none ends this one.
 
-    The children stand in process groups of their own, so that a terminal tells this process alone.
-
-    Attributes:
-        asked: how many signals to stop have come.
+    The children have process groups of their own; ``asked``: how many such signals have come.
     """
 
     def __init__(self, first: signal.Signals, further: signal.Signals) -> None:
@@ -189,14 +186,10 @@ INTERRUPTED = 130
 
 
 def run_on_ranks(count: int, arguments: Sequence[str]) -> int:
-    """Run tribox on ranks and wait for them.
+    """Run tribox on ranks and wait for them; the exit code; InputError without mpirun.
 
-    mpirun, told to end, gives its ranks a quarter of a second and kills them. So signals to stop go
-    to the ranks themselves, by SIGUSR1, which mpirun passes on; these finish their step. Returns
-    the exit code.
-
-    Raises:
-        InputError: there is no mpirun.
+    mpirun, told to end, kills its ranks after a quarter of a second. So signals to stop go to the
+    ranks themselves, by SIGUSR1, which mpirun passes on; these finish their step.
     """
     mpirun = shutil.which("mpirun")
     if mpirun is None:
@@ -212,10 +205,7 @@ def run_on_ranks(count: int, arguments: Sequence[str]) -> int:
 
 
 def tell_exit_code(code: int) -> bool:
-    """Tell the process that waits for these ranks what to end with.
-
-    Returns whether there is one; the ranks themselves are then to end with 0.
-    """
+    """Tell who waits for these ranks what to end with; whether there is one: then end with 0."""
     if EXIT_CODE not in os.environ:
         return False
     try:

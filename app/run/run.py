@@ -32,18 +32,9 @@ from tribox.app.results.inputs import INPUTS, NOTHING, keep_inputs, kept_inputs
 from tribox.app.results.probes import ProbeRecorder, shape_line
 from tribox.app.results.recorder import Recorder
 from tribox.app.results.saving import Saving, on_first
+from tribox.app.run import ranks
 from tribox.app.run.process import give_memory_back
 from tribox.app.run.progress import Reporter, Together
-from tribox.app.run.ranks import (
-    EXIT_CODE,
-    INTERRUPTED,
-    give_back,
-    repeats,
-    say_stopping,
-    stopping_signals,
-    taken,
-    tell_exit_code,
-)
 from tribox.app.simulation.explicit_stage import notes_on_steps
 from tribox.app.simulation.history import Row, energy_gap, time_text
 from tribox.app.simulation.run_state import Observer, RunState
@@ -73,7 +64,7 @@ class Interruption(Observer):
         self._before: dict[signal.Signals, signal._HANDLER] = {}
 
     def __enter__(self) -> Self:
-        self._before = taken(dict.fromkeys(stopping_signals(), self._note))
+        self._before = ranks.taken(dict.fromkeys(ranks.stopping_signals(), self._note))
         if self._before:
             # PETSc, unless told not to, takes this one too, and ends the process at a closed pipe.
             signal.signal(signal.SIGPIPE, signal.SIG_IGN)
@@ -98,31 +89,26 @@ class Interruption(Observer):
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         first, self.asked = not self.asked, True
-        self.restore(repeats(number))
+        self.restore(ranks.repeats(number))
         if not first:
             return
         # mpirun, if it is the one that was asked, will not wait for long.
-        if self._comm.rank == 0 and not tell_exit_code(INTERRUPTED):
-            say_stopping()  # else the process that waits for the ranks has said it
+        if self._comm.rank == 0 and not ranks.tell_exit_code(ranks.INTERRUPTED):
+            ranks.say_stopping()  # else the process that waits for the ranks has said it
         if self.noted is not None:
             self.noted()
 
     def restore(self, numbers: Collection[int] | None = None) -> None:
         """Take no more signals, or none of these numbers."""
-        by_mpirun = self._comm.size > 1 or EXIT_CODE in os.environ
+        by_mpirun = self._comm.size > 1 or ranks.EXIT_CODE in os.environ
         if numbers is None and self.asked and by_mpirun and signal.SIGUSR1 in self._before:
             # One more may be still to come: the second of mpirun's, or as another rank came first.
             self._before[signal.SIGUSR1] = signal.SIG_IGN
         chosen = [n for n in self._before if numbers is None or n in numbers]
-        give_back({number: self._before.pop(number) for number in chosen})
+        ranks.give_back({number: self._before.pop(number) for number in chosen})
 
     def look(self) -> None:
-        """Stop here if any rank has been asked to, or could not write; collective.
-
-        Raises:
-            OutputError: a rank could not write.
-            Interrupted: a rank has been asked to stop.
-        """
+        """Interrupted, or OutputError, if any rank is to stop or cannot write; collective."""
         self._saving.raise_together(self._comm)
         if self._comm.allreduce(self.asked, op=MPI.LOR):
             self.asked = True
@@ -259,10 +245,7 @@ class ClaimedRun:
         return recorder
 
     def _run(
-        self,
-        checkpointer: Checkpointer,
-        interruption: Interruption,
-        observer: Observer,
+        self, checkpointer: Checkpointer, interruption: Interruption, observer: Observer
     ) -> None:
         """Run to an end, and save the state where ranks end early, together or one alone."""
         recorder, simulation = self.recorder, self.simulation
@@ -454,17 +437,11 @@ def _vector(components: Floats, noise: float) -> str:
 
 @contextmanager
 def meshed(case: Case, directory: Path | None, comm: MPI.Comm) -> Iterator[Case]:
-    """Context with the case whose drawing, if it has one, is meshed; collective.
+    """Context with the case whose drawing, if any, is meshed; InputError; collective.
 
     The mesh is that of the results in ``directory`` where they are of the same drawing, so that a
     run goes on with the mesh it began with, whatever gmsh would make of the drawing today. Within
     the context the mesh is a file, which may be copied.
-
-    Args:
-        directory: Of the results of a run that goes on; None: the drawing is meshed.
-
-    Raises:
-        InputError: The drawing cannot be meshed.
     """
     geometry = case.geometry
     if not isinstance(geometry, MeshGeometry) or not geometry.is_drawing or geometry.meshed:

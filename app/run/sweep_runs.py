@@ -152,13 +152,9 @@ def sweep_lines(count: int) -> SweepLines:
 def run_sweep(
     case: Case, case_file: Path, directory: Path, options: RunOptions, changes: Sequence[str] = ()
 ) -> None:
-    """Run all values of a sweep, collate what they give and draw it.
+    """Run all values of a sweep, with options ``changes``, collate what they give and draw it.
 
-    ``changes``: options of the command line that each run gets too.
-
-    Raises:
-        InputError: the case or the directory cannot be used; nothing has been changed.
-        SolutionError: a run failed; the others have been made.
+    InputError, with nothing changed; SolutionError if a run failed, after the others.
     """
     if ranks_around() > 1:
         _run_in_turn(case, directory, options)
@@ -304,13 +300,9 @@ class Part:
 def run_side_by_side(parts: Sequence[Part], jobs: int, lines: SweepLines) -> None:
     """Run all parts as processes, at most ``jobs`` at a time; their lines go to ``lines``.
 
-    Raises:
-        InputError: all parts that failed were refused.
-        SolutionError: a part failed; the others have been run.
-        OutputError: a part could not write its results.
-        Interrupted: a signal came, which the running parts have obeyed too; none followed.
-        TriboxError: a part could not be started or ended oddly, such as well and without a summary
-            that says so.
+    InputError if all that failed were refused; SolutionError if a part failed, after the others;
+    OutputError; Interrupted by a signal, which running parts have obeyed; TriboxError of one that
+    ended oddly, such as well and without a summary that says so.
     """
     lock, stopped = threading.Lock(), threading.Event()
     with Forwarding(signal.SIGTERM, signal.SIGTERM) as forwarding:

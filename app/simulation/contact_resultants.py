@@ -81,10 +81,7 @@ def penetration_of(trial: ContactTrial) -> float:
 
 
 def measure_contact(
-    term: ContactTerm,
-    trial: ContactTrial,
-    comm: MPI.Comm,
-    driven: Sequence[float] | None = None,
+    term: ContactTerm, trial: ContactTrial, comm: MPI.Comm, driven: Sequence[float] | None = None
 ) -> ContactResultants:
     """Resultants of one pair; collective."""
     total = {n: float(value) for n, value in _summed(comm, _scalars(term, trial)).items()}
@@ -156,10 +153,7 @@ def _scalars(term: ContactTerm, trial: ContactTrial) -> dict[str, Any]:
 def lost_by_rule(term: ContactTerm, trial: ContactTrial, before: Floats) -> float:
     """What the trapezoidal rule takes for friction's work in a step but the law does not, J/m.
 
-    This rank's part, per unit thickness. Points that have opened in the step rubbed at its begin.
-
-    Args:
-        before: (q, i), Pa, friction tractions at the begin of the step.
+    This rank's; ``before``: (q, i), Pa, tractions at its begin, also of points opened since.
     """
     change = trial.response.traction - before
     rows = np.flatnonzero(change.any(axis=1))
@@ -320,12 +314,8 @@ def contact_columns(
     """Columns of the history that are of the contacts: forces summed over the pairs, means by area.
 
     μ and D are means by the normal force, D and the effective viscosity those of the pairs that
-    have a film.
-
-    Args:
-        velocity: m/s, of the driven boundaries; 0 without.
-        thickness: m, of the slab that the results are for.
-        noise: N/m, force up to which there is nothing but rounding, and no ratio.
+    have a film. ``velocity``: m/s, driven, or 0; ``thickness``: m, of the slab; ``noise``: N/m,
+    force up to which there is no ratio.
     """
     normal, friction, tangential, resultant, drag = (
         sum(getattr(m, name) for m in pairs) * thickness for name in _FORCES
@@ -362,11 +352,7 @@ def contact_columns(
 
 def film_columns(pair: ContactResultants, thickness: float) -> tuple[float, ...]:
     """Values of :data:`FILM_COLUMNS`, N and m³, of a slab of ``thickness`` (m)."""
-    return (
-        pair.asperity_force * thickness,
-        pair.oil * thickness,
-        pair.oil_supplied * thickness,
-    )
+    return (pair.asperity_force * thickness, pair.oil * thickness, pair.oil_supplied * thickness)
 
 
 def _summed_vectors(pairs: Sequence[ContactResultants], thickness: float) -> dict[str, float]:
@@ -383,16 +369,9 @@ def _summed_vectors(pairs: Sequence[ContactResultants], thickness: float) -> dic
 
 
 def begin_stage(model: Model, stage: str, x: PETSc.Vec) -> Floats:
-    """Let the loads and contacts be those of a stage; collective.
+    """Let a stage begin at the displacement x, m; collective; SolutionError on an overlap.
 
-    Returns (n,), N per unit thickness, forces on the owned unknowns of contacts that are released
-    from now on: loads take their place.
-
-    Args:
-        x: displacement, m, at its beginning.
-
-    Raises:
-        SolutionError: the surfaces of a contact that acts from now on overlap.
+    Returns (n,), N per unit thickness, on owned unknowns, of contacts that are released now.
     """
     terms = model.problem.contacts
     before = [term.active for term in terms]
@@ -430,10 +409,7 @@ def with_released_energy(
 ) -> list[ContactResultants]:
     """Resultants in which contacts that have been switched off have lost what they had stored.
 
-    The friction of contacts that are released is that of loads, whose work is counted there.
-
-    Args:
-        before: those of the step before; empty: there was none.
+    ``before``: of the last step; released friction is that of loads, counted there.
     """
     out, stage = list(resultants), "" if model.loads is None else model.loads.stage
     tables, terms = model.case.contact, model.problem.contacts

@@ -24,19 +24,11 @@ from tribox.app.equilibrium.equilibrium import Equilibrium
 from tribox.app.equilibrium.snapshot import Kept, KeptAtPoints, Remembers, Snapshot
 from tribox.app.equilibrium.supports import bodies_of
 from tribox.app.equilibrium.unknowns import place_text
+from tribox.app.simulation import surface_faults
 from tribox.app.simulation.contact_resultants import over
 from tribox.app.simulation.history import Row
 from tribox.app.simulation.pair_bodies import GivenForces, penalty_factor
 from tribox.app.simulation.pair_probe import PairProbe, PairState
-from tribox.app.simulation.surface_faults import (
-    BENT,
-    WAVES,
-    Sunk,
-    SunkVertices,
-    bend,
-    softer_factor,
-    waves_text,
-)
 from tribox.forms.contact.penalty import ContactTerm
 from tribox.forms.contact.state import ContactTrial
 from tribox.forms.friction.coulomb import StickingLaw
@@ -67,16 +59,12 @@ FLATTENED, UNEVEN = 4.0, 0.02  # and what of it is warned of
 
 
 class ContactWarnings(Remembers):
-    """Keeps of every pair what the warnings at the end of a run are about.
+    """Keeps of every pair what the warnings at the end of a run are about."""
 
-    Attributes:
-        over_facet: of each pair the largest penetration over the local facet length.
-        over_approach: of each pair the mean penetration over the approach, at its largest force;
-            of a tie the same ratio by energies, stored in it over those of the bodies, where it
-            stores most.
-    """
-
+    # of each pair the largest penetration over the local facet length
     over_facet: Kept[list[float]]
+    # of each pair the mean penetration over the approach, at its largest force; of a tie the same
+    # ratio by energies, stored in it over those of the bodies, where it stores most
     over_approach: Kept[list[float]]
     _answering: Kept[list[float]]  # share of the largest force that is not given
     _passed: Kept[list[float]]  # largest force that it had while what flows passed it
@@ -86,27 +74,25 @@ class ContactWarnings(Remembers):
     _widest: Kept[list[PairState | None]]
     _stored: Kept[list[float]]
     _slack: Kept[list[float]]  # as over_approach of a tie, of what sticks
-    _sunk: Kept[list[tuple[Sunk, str]]]
-    _hidden: Kept[list[tuple[Sunk, str]]]
+    _sunk: Kept[list[tuple[surface_faults.Sunk, str]]]
+    _hidden: Kept[list[tuple[surface_faults.Sunk, str]]]
     _nearest: Kept[list[tuple[float, str]]]  # smallest gap, m, and when
 
     def __init__(self, problem: Equilibrium, resumed: Snapshot | None = None) -> None:
-        """Make ready; collective.
-
-        Args:
-            resumed: what :meth:`snapshot` has seen, of a run that goes on; None: nothing has
-                pressed yet.
-        """
+        """Make ready, or go on from what :meth:`snapshot` has seen; collective."""
         self._problem = problem
         self._probes = [PairProbe(term) for term in problem.contacts]
-        self._sunk_in = [SunkVertices.of(term) for term in problem.contacts]
+        self._sunk_in = [surface_faults.SunkVertices.of(term) for term in problem.contacts]
         self._factor = [penalty_factor(problem, term) for term in problem.contacts]
         count = len(self._probes)
         self.over_facet, self.over_approach = [0.0] * count, [0.0] * count
         self._deepest = [(0.0, 0.0, "")] * count
         self._strongest, self._widest = [None] * count, [None] * count
         self._stored, self._slack = [0.0] * count, [0.0] * count
-        self._sunk, self._hidden = [(Sunk(), "")] * count, [(Sunk(), "")] * count
+        self._sunk, self._hidden = (
+            [(surface_faults.Sunk(), "")] * count,
+            [(surface_faults.Sunk(), "")] * count,
+        )
         self._answering, self._passed = [1.0] * count, [0.0] * count
         self._nearest = [(np.inf, "")] * count
         sizes = [len(term.surface.slave.weight) for term in problem.contacts]
@@ -196,9 +182,9 @@ class ContactWarnings(Remembers):
     def _measured(self, index: int, trial: ContactTrial) -> PairState:
         """A pair at a converged step; corners of the master alone make waves; collective."""
         state = self._probes[index].measure(trial)
-        if state.waves > WAVES:
-            angle = bend(self._problem, self._problem.contacts[index], trial)
-            return state if angle > BENT else replace(state, waves=0.0)
+        if state.waves > surface_faults.WAVES:
+            angle = surface_faults.bend(self._problem, self._problem.contacts[index], trial)
+            return state if angle > surface_faults.BENT else replace(state, waves=0.0)
         return state
 
     def _look_at_what_sticks(self, trials: Sequence[ContactTrial], spent: float) -> None:
@@ -234,8 +220,8 @@ class ContactWarnings(Remembers):
             comb = self._is_comb(state)
             if comb:
                 yield self._comb(index, state)
-            if state.waves > WAVES:
-                yield waves_text(index, state.waves, state.corners)
+            if state.waves > surface_faults.WAVES:
+                yield surface_faults.waves_text(index, state.waves, state.corners)
             lost, flat = self._cost(index), self._flattened(index)
             if self.over_facet[index] > PENETRATION or lost > APPROACH or flat > UNEVEN:
                 yield self._soft(index, comb)
@@ -318,7 +304,9 @@ class ContactWarnings(Remembers):
 
     def _comb(self, index: int, state: PairState) -> str:
         factor = self._factor[index]
-        softer = softer_factor(factor, state.mean, state.sagitta, self._cost(index) / APPROACH)
+        softer = surface_faults.softer_factor(
+            factor, state.mean, state.sagitta, self._cost(index) / APPROACH
+        )
         penalty = "" if softer is None else f", or penalty_factor = {softer:g} (now {factor:.3g})"
         return (
             f"contact.{index}: combed pressures: with the pressure point by point, slave facets "

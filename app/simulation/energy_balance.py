@@ -83,10 +83,7 @@ def _given(problem: Equilibrium) -> Ints:
 
 
 def gaps_and_pressures(term: ContactTerm, trial: ContactTrial) -> tuple[Floats, Floats]:
-    """Gaps, m, and pressures, Pa, of a pair's vertices (v,), or point by point (q,).
-
-    Pressures are per area of the slave, whatever part of it other masters have.
-    """
+    """Gaps, m, and pressures, Pa of all masters, of vertices (v,) or points (q,) of a pair."""
     normal, at = trial.normal_contact, trial.projection
     if not _by_vertices(term):
         return np.where(at.on_surface, trial.kinematics.gap, 0.0), trial.pressure.copy()
@@ -191,11 +188,9 @@ class EnergyBalance:
     def add_interval(
         self, resultants: Sequence[ContactResultants], work: float, damping: float, kinetic: float
     ) -> None:
-        """Enter a stretch of explicit steps that ends at what was spread last; collective.
+        """Enter explicit steps, J/m of all ranks, up to what was spread last; collective.
 
-        Args:
-            work: J/m, of supports, platens and loads; damping: taken by mass-proportional damping,
-                dashpots and relaxation; both of all ranks. kinetic: energy at the end.
+        ``work``: of supports, platens and loads; ``damping``: of dashpots and relaxation too.
         """
         self.work += work
         self.sampled += work  # of means of forces

@@ -24,13 +24,7 @@ from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.energies import ExplicitError
 from tribox.app.explicit.stable_step import ExplicitOptions, ScaledMass
 from tribox.app.explicit.stepper import ExplicitStepper, MassScaling
-from tribox.app.simulation.contact_resultants import (
-    ContactResultants,
-    fading_loss,
-    lost_by_rule,
-    resultants,
-    vector_integrals,
-)
+from tribox.app.simulation import contact_resultants
 from tribox.app.simulation.history import time_text
 from tribox.app.simulation.motion_history import OutsideForces, OutsideMean
 from tribox.app.simulation.run_state import Interval, Observer, RunState
@@ -64,13 +58,9 @@ def explicit_options(solver: Solver) -> ExplicitOptions:
 
 @failures_as(InputError, "the start")
 def notes_on_steps(model: Model) -> list[str]:
-    """How long the time steps of a case's explicit stages are, and how many; collective.
+    """How long and how many the time steps of explicit stages are; collective.
 
-    The model must be as it was built; its loads are set to those of the start.
-
-    Raises:
-        InputError: a friction law of the user's fails, an element is inside out at the start, or
-            numbers are out of range.
+    Sets the new model's loads to the start; InputError if a law or an element fails there.
     """
     case = model.case
     if not case.is_explicit:
@@ -133,10 +123,8 @@ def notes_on_bouncing(state: RunState, load_step: LoadStep) -> Iterator[str]:
 class ExplicitStage:
     """Runs the explicit load steps of a simulation.
 
-    Attributes:
-        state: what the run has come to; stepper: central differences.
-        averages: of the contacts over the interval at hand.
-        steps: time steps so far; shortest, longest: s, stable steps met.
+    ``averages``: of contacts over the interval at hand; ``steps``: so far; ``shortest``,
+    ``longest``: s, stable steps met.
     """
 
     def __init__(
@@ -146,15 +134,9 @@ class ExplicitStage:
         rate_dependent: bool = True,
         masses: ScaledMass | None = None,
     ) -> None:
-        """Take over from the state that the run is in; collective.
+        """Take over displacements (n,), m, and masses, None: scaled anew; collective.
 
-        Args:
-            displacement: (n,), m, of the owned unknowns.
-            masses: of a run that is resumed; None: scaled for the state taken over.
-
-        Raises:
-            InputError: a friction law of the user's fails at once; of a run that has already come
-                some way a SolutionError.
+        A law that fails at once is an InputError, or later in the run a SolutionError.
         """
         self.state, self.model = state, state.model
         try:
@@ -208,11 +190,7 @@ class ExplicitStage:
         }
 
     def advance(self, load_step: LoadStep, observer: Observer) -> None:
-        """The steps up to the next row of the load step, and that row; collective.
-
-        Raises:
-            SolutionError: an element is turned inside out, or the energy runs away.
-        """
+        """Steps up to the next row, and it; SolutionError if a cell folds, or energy runs away."""
         state, at, before = self.state, self.state.position, self.steps
         start, within = at.time + at.count * load_step.dt, at.within
         try:
@@ -360,18 +338,22 @@ class _Tally:
         weight, parts = term.surface.slave.weight, trial.response.dissipation
         lost = parts.total
         self.time += dt
-        for name, vector in vector_integrals(term, trial).items():
+        for name, vector in contact_resultants.vector_integrals(term, trial).items():
             self.vectors[name] = dt * vector + self.vectors.get(name, 0.0)
-        self.dissipated += float(weight @ lost) + fading_loss(term, trial)
-        self.numerical += lost_by_rule(term, trial, before)
+        self.dissipated += float(weight @ lost) + contact_resultants.fading_loss(term, trial)
+        self.numerical += contact_resultants.lost_by_rule(term, trial, before)
         lost -= parts.numerical
         at = int(np.argmin(lost)) if len(lost) else -1
         if at >= 0 and lost[at] < self.least:
             self.least, self.worst = float(lost[at]), tuple(map(float, trial.position[at]))
 
     def over(
-        self, end: ContactResultants, driven: Sequence[float] | None, ring: bool, comm: MPI.Comm
-    ) -> ContactResultants:
+        self,
+        end: contact_resultants.ContactResultants,
+        driven: Sequence[float] | None,
+        ring: bool,
+        comm: MPI.Comm,
+    ) -> contact_resultants.ContactResultants:
         """Resultants at the end, with mean forces and the interval's dissipation; collective."""
         work = np.zeros(len(self.vectors["force"]))
         work[:2] = self.dissipated, self.numerical
@@ -380,7 +362,7 @@ class _Tally:
         least, worst = min(comm.allgather((self.least, self.worst)))
         return replace(
             end,
-            **resultants(means, driven, ring),
+            **contact_resultants.resultants(means, driven, ring),
             dissipated=float(total[-1, 0]),
             numerical=float(total[-1, 1]),
             least_dissipation=least,
@@ -452,13 +434,11 @@ class IntervalAverages:
         self._outside.enter(dt)
 
     def close(
-        self, ends: Sequence[ContactResultants], driven: Sequence[float] | None = None
-    ) -> tuple[list[ContactResultants], float, float, OutsideForces]:
-        """End the interval; collective.
-
-        Returns the contacts with mean forces and with what they dissipated; work and damping, J/m;
-        mean forces of the surroundings.
-        """
+        self,
+        ends: Sequence[contact_resultants.ContactResultants],
+        driven: Sequence[float] | None = None,
+    ) -> tuple[list[contact_resultants.ContactResultants], float, float, OutsideForces]:
+        """End it; resultants with means, work and damping (J/m), outside forces; collective."""
         comm = self.problem.comm
         parts = zip(self.problem.contacts, ends, self._tallies, strict=True)
         means = [

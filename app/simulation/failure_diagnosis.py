@@ -20,18 +20,8 @@ from tribox.app.equilibrium.unknowns import place_text
 from tribox.app.implicit.linear_solver import LinearSolver
 from tribox.app.implicit.newton import KINKED
 from tribox.app.implicit.stepper import ROUND, StepResult
+from tribox.app.simulation import pair_bodies
 from tribox.app.simulation.contact_resultants import ContactResultants
-from tribox.app.simulation.pair_bodies import (
-    Hold,
-    facing,
-    has_spring,
-    hold_of,
-    load_on,
-    may_hold,
-    penalty_factor,
-    presses,
-    pressure_kind,
-)
 from tribox.app.simulation.surface_ends import reaches_end, slid_off
 from tribox.app.simulation.surface_faults import SOFTER, Findings, catches, rests_on_edges
 from tribox.forms.bodies.deformation import volume_ratios
@@ -108,11 +98,8 @@ def reason_of(result: StepResult) -> str:
 def is_unstable(solver: LinearSolver, x: PETSc.Vec, step: StepMode) -> bool:
     """Whether the tangent has a negative eigenvalue at ``x`` (m), so far as is seen; collective.
 
-    Arnoldi's iteration with the tangent's inverse, from the residual: it finds the eigenvalues next
-    to zero on both sides. Below zero, the bodies have passed a limit and snap.
-
-    Args:
-        x: unknowns, m.
+    By Arnoldi's iteration with the inverse, from the residual, which finds those next to zero:
+    below it the bodies have passed a limit and snap.
     """
     problem = solver.problem
     if not np.isfinite(x.norm()):
@@ -151,13 +138,10 @@ def is_unstable(solver: LinearSolver, x: PETSc.Vec, step: StepMode) -> bool:
 def body_adrift(
     problem: Equilibrium, loose: Iterable[Loose], before: Floats, now: Floats
 ) -> str | None:
-    """The message about a body that moved with nothing to hold it; None where there is none.
+    """The message about a body that moved, from ``before``, with nothing to hold it; or None.
 
-    Where no contact presses, a body moves in a direction in which it is loose only because the
-    linear solver found some place for it, which is as good as any other. Collective.
-
-    Args:
-        before: owned unknowns, m, at the start of the step.
+    In a direction in which no contact presses, it moves to wherever the linear solver found a
+    place; collective.
     """
     largest = problem.comm.allreduce(float(np.max(np.abs(now), initial=0.0)), op=MPI.MAX)
     for one in loose:
@@ -331,7 +315,9 @@ def _of_state(
         (note, DEFAULT_PENALTY)
         for index, term in enumerate(problem.contacts)
         if not isinstance(term, LubricatedTerm)  # whose asperities take its place
-        for note in notes_on_penalty(index, penalty_factor(problem, term), pressure_kind(term))
+        for note in notes_on_penalty(
+            index, pair_bodies.penalty_factor(problem, term), pair_bodies.pressure_kind(term)
+        )
     ]
     nearly = bool(result.residuals) and result.residuals[-1] <= KINKED
     edges = list(rests_on_edges(problem, contacts)) if nearly else []
@@ -350,8 +336,10 @@ def _of_pull(
 ) -> Findings:
     """Loads that move bodies away from all that they could touch, or along it."""
     adrift = [one for one in loose if result.adrift and one.body in result.floating]
-    loads = [(one, load_on(problem, one)) for one in adrift if not one.turns]
-    pressing = [load * facing(problem, one.bodies)[one.component] < 0.0 for one, load in loads]
+    loads = [(one, pair_bodies.load_on(problem, one)) for one in adrift if not one.turns]
+    pressing = [
+        load * pair_bodies.facing(problem, one.bodies)[one.component] < 0.0 for one, load in loads
+    ]
     held = {one.body for (one, _), pressed in zip(loads, pressing, strict=True) if pressed}
     for (one, load), pressed in zip(loads, pressing, strict=True):
         force = f"{load * thickness:.4g} N in {one.direction}"
@@ -374,10 +362,13 @@ def _of_pull(
 def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: float) -> Findings:
     """Friction at its limit under a force along the surface: nothing balances a larger one."""
     for one in loose:
-        hold, load = hold_of(problem, one.bodies, problem.committed), load_on(problem, one)
+        hold, load = (
+            pair_bodies.hold_of(problem, one.bodies, problem.committed),
+            pair_bodies.load_on(problem, one),
+        )
         arm, rim = _arms(problem, one)
         pushes = abs(load) * arm / rim if one.turns else load
-        if not _slides_away(one, hold, pushes) or has_spring(problem, one):
+        if not _slides_away(one, hold, pushes) or pair_bodies.has_spring(problem, one):
             continue
         if hold.wet and any(mode.rate_dependent for mode in problem.evaluated.modes):
             continue  # a film holds any force, at some speed
@@ -407,8 +398,8 @@ def _of_gross_slip(problem: Equilibrium, loose: Iterable[Loose], thickness: floa
 
 def _of_gliding(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
     """Bodies along which nothing acts: pressed off the middle they slide away and turn."""
-    for one in (one for one in loose if not (one.turns or has_spring(problem, one))):
-        hold = hold_of(problem, one.bodies, problem.committed)
+    for one in (one for one in loose if not (one.turns or pair_bodies.has_spring(problem, one))):
+        hold = pair_bodies.hold_of(problem, one.bodies, problem.committed)
         if hold.limit or hold.wet:
             continue
         if hold.across.sum() > GLIDES * hold.across[one.component]:
@@ -422,7 +413,7 @@ def _of_gliding(problem: Equilibrium, loose: Iterable[Loose]) -> Findings:
 def _far_slides(problem: Equilibrium) -> Iterator[str]:
     """What to try for bodies that a little more load moves far, as a ring in its groove."""
     for solid in problem.solids:
-        hold = hold_of(problem, [solid.name], problem.committed)
+        hold = pair_bodies.hold_of(problem, [solid.name], problem.committed)
         if float(np.linalg.norm(hold.friction)) > AT_LIMIT * hold.limit > 0.0:
             yield f"longer steps where a load slides {solid.name} along, up to what stops it"
 
@@ -460,7 +451,7 @@ def _of_rounding(problem: Equilibrium, result: StepResult) -> Findings:
         )
 
 
-def _slides_away(one: Loose, hold: Hold, load: float) -> bool:
+def _slides_away(one: Loose, hold: pair_bodies.Hold, load: float) -> bool:
     """Whether a load drives a body along its contacts, and all of their friction is used up."""
     friction = np.linalg.norm(hold.friction)
     along = abs(float(hold.friction[one.component]))
@@ -486,7 +477,7 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose], strayed: bool) ->
         return
     pairs = range(len(problem.contacts))
     for one in loose:
-        driven = [i for i in pairs if presses(problem, one, i)]
+        driven = [i for i in pairs if pair_bodies.presses(problem, one, i)]
         if driven:
             yield (
                 f"the load on {one.name} presses it on contact.{driven[0]}, and no state was "
@@ -495,7 +486,7 @@ def _of_supports(problem: Equilibrium, loose: Iterable[Loose], strayed: bool) ->
                 "softer penalty (penalty_factor)",
             )
         # Asked on all ranks alike, of each contact that it has reached and no load pulls it off.
-        elif problem.committed or not any([may_hold(problem, one, i) for i in pairs]):
+        elif problem.committed or not any([pair_bodies.may_hold(problem, one, i) for i in pairs]):
             yield f"{one.text} and no contact presses on it", SUPPORT
         elif strayed or not tried:
             yield (
@@ -518,7 +509,7 @@ def _of_elements(problem: Equilibrium, converged: PETSc.Vec) -> Findings:
 def _of_firm_penalties(problem: Equilibrium) -> Findings:
     """Penalties that are not far off, but worth lowering where nothing else is found."""
     for index, term in enumerate(problem.contacts):
-        times = penalty_factor(problem, term) / DEFAULT_PENALTY_FACTOR
+        times = pair_bodies.penalty_factor(problem, term) / DEFAULT_PENALTY_FACTOR
         if times > FIRM and not isinstance(term, LubricatedTerm):
             yield (
                 f"contact.{index}: the penalty is {times:.2g} times the default, and Newton's "

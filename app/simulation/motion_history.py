@@ -136,13 +136,9 @@ KEYS = ("step", "time", "stage")
 
 
 class MotionHistory:
-    """Rows of both tables, added together so that ranks talk once.
+    """Rows of both tables, added together so that ranks talk once; ``extent``: m, of all bodies.
 
-    Attributes:
-        held: owned unknowns that :class:`OutsideForces` are wanted at.
-        extent: m, of all bodies, from corner to corner.
-        surface_columns, body_columns: names of the columns.
-        surface_rows, body_rows: their values, a row for each surface or body and step.
+    ``held``: owned unknowns that :class:`OutsideForces` are wanted at.
     """
 
     def __init__(self, model: Model) -> None:
@@ -185,12 +181,7 @@ class MotionHistory:
         outside: OutsideForces,
         pairs: Sequence[ContactResultants],
     ) -> None:
-        """Add the rows of a step; collective.
-
-        Args:
-            key: number of the step, time in s, name of the stage.
-            motion: displacements, m, and velocities, m/s, of the owned unknowns (n,).
-        """
+        """Add a step's rows: ``key`` of number, time, stage; u, m, and velocities, m/s, (n,)."""
         here = self._means.of(*motion)
         there = self._forces.sums(outside)  # of the surfaces, and then of what acts on whole bodies
         local = np.concatenate([here.reshape(-1), there.reshape(-1)])
@@ -201,11 +192,7 @@ class MotionHistory:
         self._add_bodies(key, means[len(self._on) :], forces, pairs)
 
     def fastest(self, velocity: Floats) -> float:
-        """Speed of the fastest node of supports and platens, not of tools, m/s; collective.
-
-        Args:
-            velocity: (n,), m/s, of the owned unknowns.
-        """
+        """Speed, m/s, of the fastest node of supports and platens, from (n,), m/s; collective."""
         held = self._on_bodies
         squares = np.bincount(held // self._dim, velocity[held] ** 2, minlength=1)
         fastest = float(np.sqrt(squares.max()))
@@ -219,17 +206,12 @@ class MotionHistory:
     def force_balance(
         self, stages: Collection[str], noise: float = 0.0, largest: float = 0.0
     ) -> float | None:
-        """Largest resultant force on a body over the largest force of the same stages.
+        """Largest resultant force on a body over the largest force of the same stages; or None.
 
         Bodies that are bonded count as one: the forces between them are in no table. A moment
         counts as a pair of forces at the ends of its lever: under moments alone the resultant of
-        each surface is what the solver leaves, and nothing to compare with. Returns None without a
-        force.
-
-        Args:
-            noise: N, what rounding leaves, or springs in no table; no force beyond it is none.
-            largest: N, of forces in other tables: those on both sides of a body cancel in its
-                row.
+        each surface is what the solver leaves. ``noise``: N, of rounding, or springs in no table;
+        ``largest``: N, of forces in other tables: those on both sides of a body cancel in its row.
         """
         dim, stage = self._dim, KEYS.index("stage")
         forces = np.array([row[-2 * dim :] for row in self.body_rows if row[stage] in stages])

@@ -94,10 +94,7 @@ def _way_out(problem: Equilibrium, one: Loose, index: int) -> Floats | None:
 
 
 def presses(problem: Equilibrium, one: Loose, index: int) -> bool:
-    """Whether the load on a body drives it into contact number ``index``, which it has reached.
-
-    Collective.
-    """
+    """Whether a body's load drives it into contact ``index``, which it has reached; collective."""
     return not one.turns and _drive(problem, one, index) < 0.0
 
 
@@ -164,10 +161,7 @@ class GivenForces:
     ) -> list[float]:
         """Share of each contact's force that is not given, at most 1; collective.
 
-        Args:
-            approach: m, of the bodies, beside which springs are stiff or soft.
-            balanced: whether all forces balance. In explicit steps what loads do not give counts
-                as answering, inertia too.
+        ``approach``: m, of bodies beside springs; not ``balanced``: explicit, inertia answers too.
         """
         problem = self._problem
         terms, dim = problem.contacts, problem.dim
@@ -300,10 +294,7 @@ def hold_of(problem: Equilibrium, held: Sequence[str], trials: Sequence[ContactT
 
 
 def facing(problem: Equilibrium, held: Sequence[str]) -> Floats:
-    """Mean direction (i,) in which what a body faces could press on it; collective.
-
-    Components below a half are of surfaces that the body moves along; they count as none.
-    """
+    """Mean direction (i,) of what could press on a body; parts below a half are 0; collective."""
     parts = np.zeros(problem.dim + 1)
     for term, trial in zip(problem.contacts, problem.trials, strict=False):
         bodies = bodies_of(problem, term)

@@ -15,15 +15,7 @@ from tribox.app.case.stage import LoadStep
 from tribox.app.equilibrium.snapshot import Kept, Remembers
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
-from tribox.app.simulation.contact_resultants import (
-    FILM_COLUMNS,
-    ContactResultants,
-    along_force,
-    contact_columns,
-    film_columns,
-    measure_contact,
-    with_released_energy,
-)
+from tribox.app.simulation import contact_resultants
 from tribox.app.simulation.energy_balance import EnergyBalance, Inertia
 from tribox.app.simulation.history import PAIR_COLUMNS, Row
 from tribox.app.simulation.motion_history import KEYS, MotionHistory, OutsideForces
@@ -57,7 +49,7 @@ class RunState(Remembers):
     time: Kept[float]
     driven: Kept[float]
     step: Kept[int]
-    resultants: Kept[list[ContactResultants]]
+    resultants: Kept[list[contact_resultants.ContactResultants]]
     inertia: Kept[list[Inertia]]
     way: Kept[SlidWay]
     steadiness: Kept[Steadiness]
@@ -77,7 +69,7 @@ class RunState(Remembers):
         dim = model.problem.dim
         vectors = [f"{kind}_{axis}" for kind in ("force", "friction") for axis in COMPONENTS[:dim]]
         self._columns = (*PAIR_COLUMNS, *vectors, *["twist_moment"] * (dim == 3))
-        self.pair_columns = (*KEYS, "pair", *self._columns, *FILM_COLUMNS)
+        self.pair_columns = (*KEYS, "pair", *self._columns, *contact_resultants.FILM_COLUMNS)
         self.pair_rows: list[tuple[int | float | str, ...]] = []
         self.resultants = []
         self.inertia = []
@@ -90,14 +82,19 @@ class RunState(Remembers):
         self.motion = MotionHistory(model)
         self.tools = ToolHistory(model, self.motion.held)
 
-    def resultants_of(self, trials: Iterable[ContactTrial]) -> list[ContactResultants]:
+    def resultants_of(
+        self, trials: Iterable[ContactTrial]
+    ) -> list[contact_resultants.ContactResultants]:
         """The resultants of all contacts at converged trials; collective."""
         problem, driven = self.model.problem, self.driven_direction()
         trials = list(trials)
         keep_what_went_over(problem.contacts, trials)
         pairs = zip(problem.contacts, trials, strict=True)
-        found = [measure_contact(term, trial, problem.comm, driven) for term, trial in pairs]
-        return with_released_energy(found, self.resultants, self.model)
+        found = [
+            contact_resultants.measure_contact(term, trial, problem.comm, driven)
+            for term, trial in pairs
+        ]
+        return contact_resultants.with_released_energy(found, self.resultants, self.model)
 
     def driven_direction(self) -> list[float] | None:
         """Direction of the first driven boundary, spring or tool, None without."""
@@ -144,7 +141,7 @@ class RunState(Remembers):
             newton_iterations=iterations,
             linear_iterations=linear,
             attempts=attempts,
-            **contact_columns(self._loose_resultants(), speed, rates, t, noise),
+            **contact_resultants.contact_columns(self._loose_resultants(), speed, rates, t, noise),
             **self.energy_balance.columns(t),
         )
         self.rows.append(row)
@@ -152,9 +149,10 @@ class RunState(Remembers):
             self.springs = max(self.springs, self.model.problem.held_weakly() * t)
         at = (row.step, row.time, row.stage)
         for contact, pair in zip(self.model.case.contact, self.resultants, strict=True):
-            columns = contact_columns([pair], speed, rates, t, noise)
+            columns = contact_resultants.contact_columns([pair], speed, rates, t, noise)
             values = (columns[name] for name in self._columns)
-            self.pair_rows.append((*at, contact.label, *values, *film_columns(pair, t)))
+            film = contact_resultants.film_columns(pair, t)
+            self.pair_rows.append((*at, contact.label, *values, *film))
         motion = (self.stepper.x.array_r, velocity)
         self.motion.add(at, motion, outside, self.resultants)
         self.tools.add(at, motion, outside, self.resultants)
@@ -162,7 +160,7 @@ class RunState(Remembers):
         self.speed = row.velocity if stage.is_driven else self._fastest(velocity, dt)
         return row
 
-    def _loose_resultants(self) -> list[ContactResultants]:
+    def _loose_resultants(self) -> list[contact_resultants.ContactResultants]:
         """The resultants of the contacts that are not tied, whose sums are those of friction."""
         terms = self.model.problem.contacts
         return [m for m, term in zip(self.resultants, terms, strict=True) if not term.tied]
@@ -193,7 +191,7 @@ class RunState(Remembers):
         problem = self.model.problem
         unsettled, presliding = measure_settling(problem.contacts, problem.committed, problem.comm)
         unsettled *= self.model.thickness
-        along = along_force(self._loose_resultants()) * self.model.thickness
+        along = contact_resultants.along_force(self._loose_resultants()) * self.model.thickness
         self.way.add(row.driven_displacement, along, unsettled, presliding)
 
     def run(
@@ -257,13 +255,9 @@ class Position:
             self.step_time, self.step_driven = time, driven
 
     def end_step(self, least: float) -> None:
-        """Count an implicit step.
+        """Count an implicit step; after a cut one the next begins as short, unless below ``least``.
 
-        After one that was cut the next begins in pieces as long: what failed mostly fails again.
-        They may be cut so often that all ways to a solution are tried.
-
-        Args:
-            least: share of a step below which nothing is cut.
+        What failed mostly fails again.
         """
         self.count, self.done, self.calm = self.count + 1, 0.0, self.calm + 1
         if self.calm >= CALM:
@@ -321,14 +315,9 @@ class ToolHistory:
         key: tuple[int, float, str],
         motion: tuple[Floats, Floats],
         outside: OutsideForces,
-        pairs: Sequence[ContactResultants],
+        pairs: Sequence[contact_resultants.ContactResultants],
     ) -> None:
-        """Add the rows of a step; collective.
-
-        Args:
-            key: number of the step, time in s, name of the stage.
-            motion: displacements, m, and velocities, m/s, of the owned unknowns (n,).
-        """
+        """Add a step's rows: ``key`` of number, time, stage; u, m, and velocities, m/s, (n,)."""
         if not self._tools:
             return
         contacts, t = self._model.case.contact, self._model.thickness

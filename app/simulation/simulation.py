@@ -16,16 +16,10 @@ from tribox.app.errors import InputError, SolutionError
 from tribox.app.explicit.stepper import ExplicitStepper
 from tribox.app.implicit.newton import ImplicitOptions
 from tribox.app.implicit.stepper import ImplicitStepper, StepResult
+from tribox.app.simulation import failure_diagnosis
 from tribox.app.simulation.contact_resultants import begin_stage
 from tribox.app.simulation.energy_balance import Inertia
 from tribox.app.simulation.explicit_stage import ExplicitStage
-from tribox.app.simulation.failure_diagnosis import (
-    body_adrift,
-    explain,
-    has_collapsed,
-    is_unstable,
-    not_finite,
-)
 from tribox.app.simulation.history import Row, time_text
 from tribox.app.simulation.motion_history import OutsideForces
 from tribox.app.simulation.run_state import Observer, RunState
@@ -39,11 +33,7 @@ SHORTEST = 1.0 / 16.0  # piece of a step down to which a friction law may have i
 
 
 class ImplicitStage:
-    """Runs the implicit load steps of a simulation.
-
-    Attributes:
-        state: what the run has come to; stepper: solves the steps.
-    """
+    """Runs the implicit load steps; ``state``: what the run has come to, ``stepper``: solves."""
 
     def __init__(self, state: RunState) -> None:
         """Make ready to start; collective; InputError if PETSc refuses an option of the case."""
@@ -71,10 +61,7 @@ class ImplicitStage:
     def advance(self, load_step: LoadStep, observer: Observer) -> None:
         """One step of the load step, or the rest of it, in as many pieces as it takes; collective.
 
-        The pieces end exactly where the whole step would have.
-
-        Raises:
-            SolutionError: it failed however short it was made.
+        They end where it would have; SolutionError if it failed however short it was made.
         """
         state, at = self.state, self.state.position
         at.begin_step(state.time, state.driven)
@@ -124,7 +111,7 @@ class ImplicitStage:
         if result.adrift:
             return True
         problem, stepper = self.model.problem, self.stepper
-        collapsed = has_collapsed(problem, stepper.x)
+        collapsed = failure_diagnosis.has_collapsed(problem, stepper.x)
         problem.spread(stepper.trial)  # what is said of the failure is said of what was tried
         return collapsed
 
@@ -133,13 +120,13 @@ class ImplicitStage:
         state, problem = self.state, self.model.problem
         self._heed_laws(load_step, problem.trials)
         resultants = state.resultants_of(problem.trials)
-        wrong = not_finite(resultants)
+        wrong = failure_diagnosis.not_finite(resultants)
         noise = problem.roundoff
         pressed = any(m.normal_force > noise for m in (*state.resultants, *resultants))
         if wrong is None and not pressed and not held:
             x, trial = self.stepper.x.array_r, self.stepper.trial.array_r
             loose = loose_directions(problem, sprung_dofs(problem))
-            wrong = body_adrift(problem, loose, x, trial)
+            wrong = failure_diagnosis.body_adrift(problem, loose, x, trial)
         if wrong is not None:
             when = time_text(state.time, load_step.dt)
             raise SolutionError(f"stage {load_step.label}, time {when}: {wrong}")
@@ -179,9 +166,9 @@ class ImplicitStage:
         if why is None:
             contacts, stepper = model.case.contact, self.stepper
             step = StepMode.of_stage(dt, model.problem.contacts, stepper.rate_dependent)
-            why = explain(
+            why = failure_diagnosis.explain(
                 *(model.problem, result, stepper.x, self._loose, model.thickness, contacts),
-                unstable=lambda: is_unstable(stepper.solver, stepper.trial, step),
+                unstable=lambda: failure_diagnosis.is_unstable(stepper.solver, stepper.trial, step),
                 spent=lambda: stepper.predictor.meets_limit(stepper.x, stepper.trial, step),
                 look_ahead=lambda: stepper.predictor.look_ahead(stepper.x, stepper.trial, step),
             )
@@ -196,22 +183,14 @@ class ImplicitStage:
 
 
 class Simulation:
-    """One case being run.
+    """One case being run; ``state``: how far it has come.
 
-    Attributes:
-        state: how far it has come.
-        implicit: what runs implicit stages; None without any.
-        explicit: what runs explicit stages; None before the first of them.
+    ``implicit``, ``explicit``: what runs such stages, if there are any, or have begun.
     """
 
     @failures_as(InputError, "the start")
     def __init__(self, model: Model) -> None:
-        """Make ready to start; collective.
-
-        Raises:
-            InputError: PETSc refuses an option of the case, or has no use for it; an element is
-                inside out at the start of an explicit run, or numbers are out of range.
-        """
+        """Make ready; InputError if PETSc refuses options, or cells or numbers fail; collective."""
         self.state = RunState(model)
         self.implicit: ImplicitStage | None = None
         self.explicit: ExplicitStage | None = None
@@ -240,12 +219,7 @@ class Simulation:
         return self.state.stepper
 
     def run(self, observer: Observer) -> None:
-        """Run all stages, from where the run stands.
-
-        Raises:
-            SolutionError: a step failed however short it was made; the state is the last
-                converged one.
-        """
+        """Run all stages on; SolutionError, at the last converged state, if a step failed."""
         state, at = self.state, self.state.position
         for load_step in self.model.case.load_steps[at.load_step :]:
             released = begin_stage(self.model, load_step.stage.name, state.stepper.x)
@@ -269,7 +243,7 @@ class Simulation:
         if isinstance(stepper, ImplicitStepper) and stepper.has_carried_only:
             loose = loose_directions(problem, sprung_dofs(problem))
             x = stepper.x.array_r
-            if wrong := body_adrift(problem, loose, np.zeros_like(x), x):
+            if wrong := failure_diagnosis.body_adrift(problem, loose, np.zeros_like(x), x):
                 last = self.rows[-1]
                 raise SolutionError(f"stage {last.stage}, time {last.time:.6g} s: {wrong}")
 
@@ -304,10 +278,7 @@ class Simulation:
         }
 
     def restore(self, kept: Snapshot) -> None:
-        """Go on from what :meth:`snapshot` has seen; collective.
-
-        The rows must have been put back.
-        """
+        """Go on from what :meth:`snapshot` has seen, after the rows; collective."""
         self.model.restore(kept["model"])
         if kept["solver"] == "implicit":
             assert self.implicit is not None

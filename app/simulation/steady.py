@@ -98,9 +98,7 @@ NOT_SLID = Steadiness(False, 0.0, np.inf, 0.0)
 class SlidWay:
     """Tangential force of a run over the way of its driven boundaries, one sample for each row.
 
-    Attributes:
-        settling_slip: m, slip after which the friction of all contacts has settled.
-        knows_end: whether all laws say how far friction is from its end.
+    ``settling_slip``: m, after which all friction has settled; ``knows_end``: all laws tell.
     """
 
     def __init__(self, laws: Iterable[FrictionLaw]) -> None:
@@ -111,13 +109,9 @@ class SlidWay:
         self._presliding = self._stiffness = 0.0
 
     def add(self, driven: float, force: float, unsettled: float, presliding: float) -> None:
-        """Add the sample of a row.
+        """Add a row: displacement driven, m, force of either sign and still to lose, N.
 
-        Args:
-            driven: m, displacement of driven boundaries.
-            force: N, tangential, of either sign.
-            unsettled: N, what friction has still to lose by its law.
-            presliding: m, slip in which friction follows a change.
+        ``presliding``: m, slip in which friction follows a change.
         """
         moved = abs(driven - self._driven[-1])
         if moved > 0.0:
@@ -174,15 +168,9 @@ def _over(part: float, whole: float) -> float:
 
 
 def change_over(way: Floats, values: Floats, length: float) -> float:
-    """Largest difference of values over the last ``length`` of the way from the last of them.
+    """Largest difference of values (n,) over the last ``length``, m, of the way, from the last.
 
-    Between samples they are taken as linear. Over a longer length than the way, it is the
-    difference over all the way times length/way.
-
-    Args:
-        way: (n,), m, rising from 0.
-        values: (n,).
-        length: m.
+    Linear between samples at ``way`` (n,), m; of a longer length in proportion.
     """
     slid = float(way[-1])
     start = max(slid - length, 0.0)

@@ -44,12 +44,7 @@ ON_END = 1e-6  # of a facet, within which a place is at its end
 
 
 def ends_text(surface: ContactSurface, at: Projection, off: Bools) -> str:
-    """Where the master ends that some points are past, undeformed; collective.
-
-    Args:
-        at: the slave's points on the master.
-        off: (q,) those of this rank that are past an end.
-    """
+    """Where the master of points ``at`` ends that are past it (``off``, (q,)); collective."""
     places, _ = surface.target.places(at.facet[off], at.xi[off], surface.master.position)
     master = surface.master
     extent = master.extent if isinstance(master, MasterFacets) else _extent(master.position)
@@ -96,12 +91,7 @@ class SmoothEnds:
     """
 
     def __init__(self, surface: ContactSurface, slave: Longs, master: Longs) -> None:
-        """Find them among the slave's vertices and the sides of the master's facets.
-
-        Args:
-            slave: (e, k) global nodes of the corners of the slave's ends.
-            master: (e, k) of the master's.
-        """
+        """Find them by global nodes of corners: of the slave's ends (e, k), and the master's."""
         self._surface, vertices = surface, surface.vertices
         self._at_end: Bools = np.isin(vertices.nodes, slave)
         share = np.sum(vertices.shape * self._at_end[vertices.of_point], axis=1)
@@ -412,12 +402,9 @@ class _Beside:
     def __init__(
         self, model: Model, index: int, nodes: Longs, kept: Mapping[int, Bools], around: Ints
     ) -> None:
-        """Begin with them as they lie undeformed; collective.
+        """Begin with local ``nodes`` (n,) and facets ``around`` as they lie undeformed; collective.
 
-        Args:
-            nodes: (n,), this rank's local ones.
-            kept: by pair with this master, the nodes (n,) that it keeps out while it acts.
-            around: local facets, owned and ghosts, of the boundary.
+        ``kept``: by pair with this master, the nodes (n,) that it keeps out while it acts.
         """
         self._named, self._problem, self._index = model.named, model.problem, index
         surface, self._nodes, self._kept = model.problem.contacts[index].surface, nodes, kept
@@ -533,10 +520,7 @@ class FoldedSides(Remembers):
 
 
 def _all_beside(model: Model) -> dict[int, _Beside]:
-    """By pair: the nodes of its slave's body; collective.
-
-    Not of fits that overlap.
-    """
+    """By pair, but for fits that overlap, the nodes of its slave's body; collective."""
     problem, contacts, found = model.problem, model.case.contact, dict[int, _Beside]()
     space, comm = problem.space, problem.comm
     outer, own, topology = OuterFacets(space).nodes, space.dofmap.index_map, space.mesh.topology

@@ -93,10 +93,7 @@ def _is_on(surface: ContactSurface, place: Floats) -> bool:
 
 
 def bend(problem: Equilibrium, term: ContactTerm, trial: ContactTrial) -> float:
-    """Largest angle, rad, at which facets of a faceted master meet where it is pressed; collective.
-
-    0 of a smooth master.
-    """
+    """Largest angle, rad, between pressed facets of a master, 0 of a smooth one; collective."""
     surface = term.surface
     target, master = surface.target, surface.master
     smooth = not isinstance(target, FacetSurface) or target.extraction is not None
@@ -171,12 +168,10 @@ class SunkVertices:
         return cls(surface) if meshed and not curved and not term.tied else None
 
     def deepest(self, values: Floats, penetration: float, offset: Floats | None = None) -> Sunk:
-        """The vertex that is deepest over the length of the facet; collective.
+        """The vertex deepest over a facet's length beyond ``penetration``, m; collective.
 
-        Args:
-            values: (m, i), m, displacements of the pair's nodes.
-            penetration: m, that there is anyway, the largest of the mean gaps.
-            offset: (q,), m, of the gaps of a fit: the master is felt that much further back.
+        At displacements (m, i), m; ``offset``: (q,), m, by which a fit's master is felt further
+        back.
         """
         surface, master = self._surface, self._surface.master
         assert isinstance(master, MasterFacets)
@@ -272,17 +267,13 @@ COSTLY = 1.5  # of what is allowed: a combed contact is deeper for the same forc
 
 
 def waves(surface: ContactSurface, pressure: Floats, inside: Bools, spacing: float) -> float:
-    """How far pressures of vertices are off a smooth curve, over their mean; collective.
+    """How far pressures (v,), Pa, are off a smooth curve, over their mean; collective.
 
     The curve is a parabola (in space a paraboloid) fitted to the vertices around each: as far as
     the next corner of the master to either side, so that it passes through the waves that corners
-    make. Of the distances a quantile is taken that as many reach as lie beside corners, so that
-    single peaks, as at corners of the slave, do not count.
-
-    Args:
-        pressure: (v,), Pa, of the vertices.
-        inside: (q,) points of this rank on facets that are amid pressed ones.
-        spacing: m, of the master's corners.
+    ``spacing``, m, apart make. Of the distances a quantile is taken that as many reach as lie
+    beside corners, so that single peaks, as at corners of the slave, do not count. ``inside``: (q,)
+    points amid pressed facets.
     """
     vertices, weight = surface.vertices, surface.slave.weight
     amid = vertices.sums(weight * inside) >= (1.0 - 1e-9) * vertices.area
@@ -323,11 +314,7 @@ def off_curve(place: Floats, values: Floats, reach: float) -> tuple[Floats, Bool
 
 
 def waves_text(index: int, share: float, spacing: float) -> str:
-    """The warning of pressures that are off a smooth curve over corners of the master.
-
-    Args:
-        spacing: m, of the corners.
-    """
+    """The warning of pressures off a smooth curve over corners ``spacing`` (m) apart."""
     return (
         f"contact.{index}: combed pressures: from vertex to vertex they are off a smooth curve by "
         f"{100.0 * share:.2g} % of their mean, over corners between the master's facets, "
@@ -339,11 +326,7 @@ def waves_text(index: int, share: float, spacing: float) -> str:
 def softer_factor(factor: float, mean: float, sagitta: float, cost: float) -> float | None:
     """A penalty factor with which facets touch all over; None where it would cost too much.
 
-    The penetration goes as 1/K. One digit is kept.
-
-    Args:
-        mean: m, penetration weighted by the pressure.
-        sagitta: m, of the facets.
+    By the mean penetration, which goes as 1/K, and facets' ``sagitta``, m; of one digit.
     """
     if sagitta <= 0.0 or mean <= 0.0:
         return None

@@ -50,11 +50,8 @@ class AtRoundOff:
 class RoundOffWatch(Remembers):
     """Compares what Newton's method ended with, step by step, with what was asked for.
 
-    A residual counts against the largest force of its load step: of bodies that carry nothing yet
-    rounding is all there is.
-
-    Attributes:
-        worst: the load step with the largest share so far; None while all reached the tolerance.
+    Against the largest force of a load step: of bodies that carry nothing rounding is all there is;
+    ``worst``: the load step with the largest share; None: within the tolerance.
     """
 
     worst: Kept[AtRoundOff | None]
@@ -145,13 +142,9 @@ class Floating:
 
 
 class FloatingWatch(Remembers):
-    """Keeps which bodies floated, and what held them.
+    """Keeps which bodies floated, and what held them."""
 
-    Attributes:
-        found: by name of the body.
-    """
-
-    found: Kept[dict[str, Floating]]
+    found: Kept[dict[str, Floating]]  # by name of the body
 
     def __init__(self, thickness: float) -> None:
         self.found, self._thickness = {}, thickness
@@ -493,12 +486,9 @@ class LateFilm(Remembers):
 
 
 class Watches:
-    """The watches of a run, told of every step.
+    """The watches of a run, told of every step; ``told``: warnings given once that have been.
 
-    Attributes:
-        roundoff: steps that ended at round-off; contacts: penetration, evenness, resolution;
-            sampled: forces at the ends of steps.
-        told: warnings that are given once only and have been, by a word for each.
+    ``roundoff``: of Newton's method; ``contacts``: depth, evenness; ``sampled``: forces at ends.
     """
 
     def __init__(self, model: Model, kept: Snapshot | None = None) -> None:

@@ -17,31 +17,10 @@ from typing import Any
 import dolfinx
 import numpy as np
 
+from tribox.forms.bodies import point_cells, point_stress
 from tribox.forms.bodies.kinematics import Section
 from tribox.forms.bodies.materials import Material
 from tribox.forms.bodies.memory_solid import MemorySolid
-from tribox.forms.bodies.point_cells import (
-    NAMES,
-    PIECE,
-    Cells,
-    Moduli,
-    PointCells,
-    cells_of,
-    centres_of,
-    in_lanes,
-    lanes,
-    moduli_in_place,
-)
-from tribox.forms.bodies.point_stress import (
-    DISTORTION,
-    NUMBERS,
-    VOLUME,
-    WHOLE,
-    AtPoints,
-    constants_of,
-    energy_at_points,
-    energy_kernel,
-)
 from tribox.forms.bodies.solid import Solid
 from tribox.forms.native import library
 from tribox.geometry.compat import cell_order
@@ -66,9 +45,9 @@ class _FirstOrder:
         x = space.tabulate_dof_coordinates()[:, : space.mesh.topology.dim][nodes]
         table = coefficients(x).reshape(len(nodes), 21) if solid.section == "3D" else _edges(x)
         triangles = nodes.shape[1] == 3  # which repeat their third node
-        self._rows = in_lanes(nodes[:, [0, 1, 2, 2]] if triangles else nodes)
-        self._table = in_lanes(table)
-        self._constants = constants_of(material)
+        self._rows = point_cells.in_lanes(nodes[:, [0, 1, 2, 2]] if triangles else nodes)
+        self._table = point_cells.in_lanes(table)
+        self._constants = point_stress.constants_of(material)
         code = library(source)
         self._code = [getattr(code, f"tribox_{name}_{of}") for of in ("forces", "energy")]
         for function in self._code:
@@ -76,11 +55,11 @@ class _FirstOrder:
         blocks = len(self._rows)
         # Addresses only: the arrays behind them are attributes, and live as long as this object.
         self._arguments = (
-            NUMBERS[type(material)],
+            point_stress.NUMBERS[type(material)],
             2 if triangles else int(solid.reduced),
             self._constants.ctypes.data,
             blocks,
-            len(nodes) - (blocks - 1) * lanes(),
+            len(nodes) - (blocks - 1) * point_cells.lanes(),
             self._rows.ctypes.data,
             self._table.ctypes.data,
         )
@@ -97,13 +76,7 @@ class CompiledCells:
     """Owned cells of one body by the compiled loops."""
 
     def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid, material: Material) -> None:
-        """Take the cells, and choose the loop of their forces and energy.
-
-        Args:
-            space: of the displacement.
-            solid: the body.
-            material: whose energy it has.
-        """
+        """Take a body's cells in ``space``, with a loop for a material's forces and energy."""
         self._space, self._solid, self._material = space, solid, material
         # Beside points that give the distortional stress themselves, K/2 (ln J)² is left.
         self._centres_alone = isinstance(solid, MemorySolid) and not solid.law.added
@@ -112,24 +85,29 @@ class CompiledCells:
         first = (
             self._linear
             and section in _FIRST_ORDER
-            and NUMBERS.get(type(material), len(NUMBERS)) < _FIRST_ORDER[section][2]
+            and point_stress.NUMBERS.get(type(material), len(point_stress.NUMBERS))
+            < _FIRST_ORDER[section][2]
             and not self._centres_alone
             and solid.cell != "tetrahedron"  # whose one point any loop takes as quickly
         )
         self._first_order = _FirstOrder(space, solid, material) if first else None
 
     @cached_property
-    def loops(self) -> list[PointCells]:
+    def loops(self) -> list[point_cells.PointCells]:
         """The loops over points of full integration, and over the centres of ``q1-sri``."""
         solid, section, loops = self._solid, self._solid.section, []
         if not self._centres_alone:
-            part = DISTORTION if solid.reduced else WHOLE
+            part = point_stress.DISTORTION if solid.reduced else point_stress.WHOLE
             loops.append(self._loop(self._cells(), part))
         if solid.reduced:
-            loops.append(self._loop(centres_of(self._space, section, solid.cells), VOLUME))
+            loops.append(
+                self._loop(
+                    point_cells.centres_of(self._space, section, solid.cells), point_stress.VOLUME
+                )
+            )
         return loops
 
-    def _cells(self) -> Cells:
+    def _cells(self) -> point_cells.Cells:
         """The cells with their points, shared with those that remember where these are the same."""
         solid, degree = self._solid, self._solid.full_degree
         simplex = solid.cell in ("triangle", "tetrahedron")
@@ -137,13 +115,15 @@ class CompiledCells:
             degree = 1  # the strain is constant, but for that of hoops
         if isinstance(solid, MemorySolid) and degree == solid.full_degree:
             return solid.point_cells.cells
-        return cells_of(self._space, solid.section, solid.cells, degree)
+        return point_cells.cells_of(self._space, solid.section, solid.cells, degree)
 
-    def _loop(self, cells: Cells, part: int) -> PointCells:
-        kernel = energy_kernel(NAMES[self._solid.section], self._material, part)
-        return PointCells(self._solid.section, cells, Moduli(kernel))
+    def _loop(self, cells: point_cells.Cells, part: int) -> point_cells.PointCells:
+        kernel = point_stress.energy_kernel(
+            point_cells.NAMES[self._solid.section], self._material, part
+        )
+        return point_cells.PointCells(self._solid.section, cells, point_cells.Moduli(kernel))
 
-    def tangent_loops(self, u: Floats) -> list[PointCells]:
+    def tangent_loops(self, u: Floats) -> list[point_cells.PointCells]:
         """The loops, ready to add the tangent at ``u`` (n,), m."""
         return self.loops
 
@@ -174,13 +154,13 @@ class OwnCells(CompiledCells):
     def __init__(self, space: dolfinx.fem.FunctionSpace, solid: Solid, material: Material) -> None:
         """Differentiate the energy, too: what is wrong with it is told beforehand."""
         super().__init__(space, solid, material)
-        self._energies: list[AtPoints] = []
+        self._energies: list[point_stress.AtPoints] = []
         _ = self.loops
 
-    def _loop(self, cells: Cells, part: int) -> PointCells:
+    def _loop(self, cells: point_cells.Cells, part: int) -> point_cells.PointCells:
         section = self._solid.section
-        self._energies.append(energy_at_points(self._material, part, section == "3D"))
-        return PointCells(section, cells)
+        self._energies.append(point_stress.energy_at_points(self._material, part, section == "3D"))
+        return point_cells.PointCells(section, cells)
 
     def add(self, u: Floats, out: Floats) -> bool:
         good = True
@@ -197,37 +177,38 @@ class OwnCells(CompiledCells):
             total += float(loop.cells.weights @ W)
         return total if np.isfinite(total) else np.inf
 
-    def tangent_loops(self, u: Floats) -> list[PointCells]:
+    def tangent_loops(self, u: Floats) -> list[point_cells.PointCells]:
         for loop, F, energy in self._points(u):
             # What lies between takes many times the room of the moduli.
             found = []
             for piece in _pieces(F):
                 _, P, A = energy(piece, True)
                 assert A is not None
-                found.append(moduli_in_place(piece, P, A))
+                found.append(point_cells.moduli_in_place(piece, P, A))
             loop.moduli.A = np.concatenate(found)
         return self.loops
 
-    def _points(self, u: Floats) -> list[tuple[PointCells, Floats, AtPoints]]:
+    def _points(
+        self, u: Floats
+    ) -> list[tuple[point_cells.PointCells, Floats, point_stress.AtPoints]]:
         """Each loop with the deformation gradients (k, p) at its points, and the energy there."""
         pairs = zip(self.loops, self._energies, strict=True)
         return [(loop, loop.deformation(u), energy) for loop, energy in pairs]
 
 
 def _pieces(F: Floats) -> list[Floats]:
-    return np.split(F, range(PIECE, len(F), PIECE))
+    return np.split(F, range(point_cells.PIECE, len(F), point_cells.PIECE))
 
 
 def compiled_cells(space: dolfinx.fem.FunctionSpace, solid: Solid) -> CompiledCells | None:
-    """The loops for this rank's cells of a body, even if there are none; None: there is no energy.
-
-    All ranks get them, or none does.
-    """
+    """The loops for a body's cells, on all ranks or none; None: there is no such energy."""
     material = solid.elastic
     if material is None:
         return None
     material = getattr(material, "elastic", material)
-    return (CompiledCells if type(material) in NUMBERS else OwnCells)(space, solid, material)
+    return (CompiledCells if type(material) in point_stress.NUMBERS else OwnCells)(
+        space, solid, material
+    )
 
 
 def _edges(x: Floats) -> Floats:
@@ -238,10 +219,7 @@ def _edges(x: Floats) -> Floats:
 
 
 def coefficients(x: Floats) -> Floats:
-    """Coefficients (c, 7, i) of ξ, η, ξη, ζ, ξζ, ηζ, ξηζ in the positions (c, a, i) of the nodes.
-
-    The parent cell is [−1, 1]³.
-    """
+    """Coefficients (c, 7, i) of ξ, η, ξη, ζ, ξζ, ηζ, ξηζ in positions (c, a, i), on [−1, 1]³."""
     # N_a = ⅛ Π (1 ± ξ_i): a monomial, whose bits m are its directions, has the coefficient ⅛ times
     # the signs of the node, whose bits a are the sides it is on. Σ_a of each is 0, so that the
     # first node may be taken off before the products, which keeps the digits of bodies far from the

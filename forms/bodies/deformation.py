@@ -58,12 +58,7 @@ class Rows:
 
 
 def rows_at(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, xi: Floats) -> Rows:
-    """Rows at one point of each cell.
-
-    Args:
-        cells: (c,) local.
-        xi: (c, α) reference coordinates, or (1, α) of the same point in every cell.
-    """
+    """Rows at ξ (c, α), or (1, α) the same in all, of local cells (c,)."""
     mesh = space.mesh
     kind, X = mesh.topology.cell_name(), nodes_of(mesh, cells)
     geometry = shape_functions(kind, cell_order(mesh), 1, xi)
@@ -107,11 +102,7 @@ def centre_rows(space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints)
 def quadrature_rows(
     space: dolfinx.fem.FunctionSpace, section: Section, cells: Ints, degree: int
 ) -> tuple[list[Rows], Floats]:
-    """Rows of each quadrature point of cells, and weights (q, c), m² or m³, of whole rings.
-
-    Args:
-        cells: (c,) local.
-    """
+    """Rows of quadrature points of local cells (c,), and weights (q, c), m² or m³, of rings."""
     kind = basix.CellType[space.mesh.topology.cell_name()]
     points, weights = basix.make_quadrature(kind, degree)
     rows = [rows_at(space, section, cells, x[None]) for x in points]
@@ -128,11 +119,7 @@ def ring_volume(rows: Rows, section: Section) -> Floats:
 
 
 def volume_ratios(u: dolfinx.fem.Function, section: Section, cells: Ints, degree: int) -> Floats:
-    """J = det F (c, q) at the quadrature points of cells, from a displacement ``u``, m.
-
-    Args:
-        cells: (c,) local.
-    """
+    """J = det F (c, q) at quadrature points of local cells (c,), at displacements ``u``, m."""
     space, mesh = u.function_space, u.function_space.mesh
     kind, dim = mesh.topology.cell_name(), mesh.geometry.dim
     points, _ = basix.make_quadrature(basix.CellType[kind], degree)

@@ -101,11 +101,7 @@ class ElastoPlastic:
     kinematic: tuple[Backstress, ...] = ()
 
     def __post_init__(self) -> None:
-        """See that there is room for the branches.
-
-        Raises:
-            ValueError: they are more than ``MOST_BRANCHES``.
-        """
+        """ValueError if branches are more than ``MOST_BRANCHES``."""
         if len(self.kinematic) > MOST_BRANCHES:
             raise ValueError(f"kinematic: {len(self.kinematic)} branches; at most {MOST_BRANCHES}")
 
@@ -168,12 +164,7 @@ class PlasticPoints(MaterialPoints):
         return PlasticPoints(never, self.space)
 
     def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel:
-        """See :meth:`MaterialPoints.kernel`.
-
-        Raises:
-            ValueError: dt ≤ 0 for a material with a rate factor.
-            RuntimeError: the library's layout of a material is another one.
-        """
+        """See :meth:`MaterialPoints.kernel`; ValueError for a rate without dt > 0."""
         material = self.material
         if material.rate is not None and not dt > 0.0:
             raise ValueError(f"dt is {dt}: a material with a rate factor needs dt > 0")

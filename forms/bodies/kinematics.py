@@ -24,11 +24,7 @@ class Kinematics:
 
 
 def section_of(dim: int, section: Section | None) -> Section:
-    """The section of a mesh in ``dim`` dimensions, plane strain by default in two.
-
-    Raises:
-        ValueError: a section in the plane of a mesh in space, or a spatial one of a plane mesh.
-    """
+    """The section of a mesh, by default plane strain or 3D; ValueError of another dimension."""
     if section is None:
         return "plane-strain" if dim == 2 else "3D"
     if (dim == 3) != (section == "3D"):
@@ -37,11 +33,7 @@ def section_of(dim: int, section: Section | None) -> Section:
 
 
 def circumference(mesh: Any, section: Section, u: Expr = None) -> Expr:
-    """Extent across the plane that a point of the section stands for; 1 without axial symmetry.
-
-    Returns:
-        2πx, or 2π(x + u_x), m.
-    """
+    """2πx, or 2π(x + u_x), m, that a point of the section stands for; 1 without axial symmetry."""
     if section != "axisymmetric":
         return 1.0
     x = ufl.SpatialCoordinate(mesh)[0]

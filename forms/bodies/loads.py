@@ -16,12 +16,9 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 
 
 class Load:
-    """What an equilibrium needs of a load: forms, and a value that they are proportional to.
+    """What an equilibrium needs of a load: forms, proportional to ``value``, set before.
 
-    Attributes:
-        value: the present value, a number or a vector; set it before assembling.
-        residual, tangent: compiled forms, to be added to those of the solids. A dead load, which
-            the displacement does not change, has no tangent.
+    A dead load, which the displacement does not change, has no tangent.
     """
 
     def __init__(
@@ -62,13 +59,7 @@ class FollowerPressure(Load):
     def __init__(
         self, u: dolfinx.fem.Function, facets: NDArray[np.int32], section: Section | None = None
     ) -> None:
-        """Compile the load's forms for local facets.
-
-        Args:
-            u: displacement, m.
-            facets: local facets, owned and ghosts.
-            section: what the mesh stands for; by default plane strain, or a body in space.
-        """
+        """Compile the forms for local facets with ghosts, and ``u``, m; a usual section if None."""
         space = u.function_space
         mesh, dim = space.mesh, space.mesh.geometry.dim
         section = section_of(dim, section)
@@ -232,15 +223,7 @@ def _vector(mesh: dolfinx.mesh.Mesh, size: int) -> dolfinx.fem.Constant:
 def reference_area(
     mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], section: Section | None = None
 ) -> float:
-    """Area of a surface in the reference configuration; collective.
-
-    Args:
-        facets: local facets, owned and ghosts.
-        section: what the mesh stands for; by default plane strain, or a body in space.
-
-    Returns:
-        m², of the whole surface of revolution if it is one; in plane strain m, per unit thickness.
-    """
+    """Area of local facets, undeformed, m², of whole rings; m in plane strain; collective."""
     section = section_of(mesh.geometry.dim, section)
     one = dolfinx.fem.Constant(mesh, PETSc.ScalarType(1.0))
     form = dolfinx.fem.form(one * circumference(mesh, section) * surface_measure(mesh, facets))
@@ -248,10 +231,7 @@ def reference_area(
 
 
 def mean_normal(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> Floats:
-    """Mean (i,) of the outward normal over a surface's facets; collective.
-
-    Its length is one where the surface is flat, and less where it is curved.
-    """
+    """Mean (i,) of outward normals over facets, of length one where they are flat; collective."""
     ds = surface_measure(mesh, facets)
     unit = _vector(mesh, mesh.geometry.dim)
     form = dolfinx.fem.form(ufl.inner(ufl.FacetNormal(mesh), unit) * ds)

@@ -60,13 +60,10 @@ class OwnEnergy(Material, Protocol):
 
 
 class Elastic:
-    """What materials have in common whose stress follows from the present deformation alone.
-
-    Attributes:
-        always_stable: whether more strain needs more stress, whatever the constants and the strain.
-    """
+    """What materials have in common whose stress follows from the present deformation alone."""
 
     __slots__ = ()
+    # whether more strain needs more stress, whatever the constants and the strain
     always_stable: ClassVar[bool] = False
 
     def points(self, space: bool) -> None:

@@ -59,11 +59,9 @@ def make_solid(
 
 
 class MemorySolid(Solid):
-    """A body of a material whose points remember.
+    """A body of a material whose points remember; ``count``: of a cell; ``point_cells``: loop.
 
-    Attributes:
-        law: how its material points answer; points: what they remember, in the order of the cells.
-        point_cells: the loop over its cells; count: material points of a cell.
+    ``law``: how they answer; ``points``: what they remember, in the order of the cells.
     """
 
     remembers = True
@@ -298,11 +296,7 @@ class MemorySolid(Solid):
 
 
 def fit_weights(kind: str, degree: int, xi: Floats) -> Floats:
-    """Shares (k, q) of a cell's quadrature points in the values at places of it.
-
-    Args:
-        xi: (k, α) reference coordinates.
-    """
+    """Shares (k, q) of a cell's quadrature points in values at ξ (k, α)."""
     points, _ = basix.make_quadrature(basix.CellType[kind], degree)
     centre = points.mean(axis=0)
 
@@ -320,13 +314,7 @@ class PointValues:
     def __init__(
         self, solid: MemorySolid, cells: Ints, xi: Floats | None, beside: StressAt | None = None
     ) -> None:
-        """Find the shares of the quadrature points.
-
-        Args:
-            cells: (k,) as :meth:`tribox.forms.bodies.solid.Solid.stress_at` takes them.
-            xi: (k, α), likewise.
-            beside: what gives the stress that the points' own is added to.
-        """
+        """Find the shares for cells (k,), ξ (k, α); ``beside``: gives what they are added to."""
         self._solid, self._beside = solid, beside
         self._rows = np.searchsorted(solid.cells, cells)
         self._share: Floats | None = None
@@ -335,12 +323,9 @@ class PointValues:
             self._share = np.broadcast_to(share, (len(cells), share.shape[1]))
 
     def cauchy(self, F: Floats, volumetric: Floats | None = None) -> Floats:
-        """Cauchy stress (k, 3, 3), Pa.
+        """Cauchy stress (k, 3, 3), Pa, at F (k, 3, 3) of what is beside the points.
 
-        Args:
-            F: (k, 3, 3), of what is beside the points: they have their own.
-            volumetric: (k, 3, 3) those that the volumetric energy is taken at, with selective
-                reduced integration.
+        ``volumetric``: (k, 3, 3), of the volumetric energy in selective reduced integration.
         """
         found = self._at_places(self._solid.point_stress())
         if self._beside is not None:

@@ -35,11 +35,7 @@ class InvariantEnergy:
     """
 
     def __init__(self, material: OwnEnergy, parts: slice, space: bool) -> None:
-        """Differentiate the sum of some ``parts`` of the energy.
-
-        Args:
-            space: 9 components of F instead of the plane's 5.
-        """
+        """Differentiate the sum of some ``parts``; ``space``: by 9 components of F, else by 5."""
         self._space = space
         self._constants, self._variables = free_variables(3)
         k = Kinematics(*self._variables)
@@ -63,11 +59,7 @@ class InvariantEnergy:
         return [expand_derivatives(e) for e in pairs]
 
     def __call__(self, F: Floats, tangent: bool = False) -> tuple[Floats, Floats, Floats | None]:
-        """Energy (n,), J/m³, P (n, p) and, if asked for, A (n, p, p), Pa; NaN where J ≤ 0.
-
-        Raises:
-            NotImplementedError: the energy has a function whose values are not known.
-        """
+        """Energy (n,), J/m³, P, A (n, p, p), Pa; NaN where J ≤ 0; or NotImplementedError."""
         with np.errstate(all="ignore"):
             return self._derivatives(F, tangent)
 
@@ -133,11 +125,8 @@ class InvariantEnergy:
 def at_rest(material: OwnEnergy) -> tuple[float, float, float]:
     """Stress, shear modulus and bulk modulus, Pa, of the undeformed material, from its energy.
 
-    The second derivatives by the logarithmic stretches, λ_a λ_b A_ab + δ_ab λ_a P_a, are K + 4G/3
-    for one stretch and K - 2G/3 for two.
-
-    Raises:
-        NotImplementedError: the energy has a function whose values are not known.
+    The second derivatives by logarithmic stretches, λ_a λ_b A_ab + δ_ab λ_a P_a, are K + 4G/3 for
+    one and K - 2G/3 for two; NotImplementedError of unknown functions.
     """
     _, P, A = InvariantEnergy(material, slice(None), space=True)(np.eye(3).reshape(1, 9), True)
     assert A is not None
@@ -157,14 +146,9 @@ def free_variables(count: int) -> tuple[list[Any], list[Any]]:
 
 
 def values_of(expressions: Sequence[Any], arguments: Mapping[Any, Floats]) -> list[Floats | float]:
-    """Values of scalar expressions; parts that they share are computed once.
+    """Values of UFL's scalars, of constants that ``arguments`` (p,) give; shared parts once.
 
-    Args:
-        expressions: of ``ufl.Constant``, numbers, scalar functions and conditionals.
-        arguments: value (p,) of each constant that occurs.
-
-    Raises:
-        NotImplementedError: there is something else in them; the message names it.
+    NotImplementedError names what else is in them.
     """
     found: dict[int, Any] = {}
     for expression in expressions:

@@ -71,10 +71,7 @@ class Moduli:
 def moduli_in_place(F: Floats, P: Floats, A: Floats) -> Floats:
     """Moduli (k, m) as kernels give them (``MODULI`` of ``point_lanes.h``), τ and then c, Pa.
 
-    Args:
-        F: (k, p) deformation gradients.
-        P: (k, p) first Piola stress, Pa.
-        A: (k, p, p) its derivative ∂P/∂F, Pa.
+    Of F (k, p), first Piola stress P (k, p), Pa, and A = ∂P/∂F (k, p, p), Pa.
     """
     count, components = F.shape
     at = [0, 1, 3, 4, 8] if components == 5 else list(range(9))
@@ -249,16 +246,10 @@ class PointCells:
         return work
 
     def evaluate(self, kernel: Kernel, u: Floats, state: Floats, **out: Floats) -> bool:
-        """Update the points at ``u`` (n,), m, from ``state`` (k, s).
+        """Update points at ``u`` (n,), m, from ``state`` (k, s) into ``out``; whether all could be.
 
-        Args:
-            u: m.
-            state: (k, s).
-            out: what is written: end (k, s); or added to: energies (3,), J (J/m), stored,
-                dissipated and the part of that due to the step's length; forces (n,), N (N/m).
-
-        Returns:
-            Whether all could be evaluated; where not, energies and forces are NaN.
+        Its end (k, s) is written, energies (3,), J (J/m), stored, dissipated and by step length,
+        and forces (n,), N (N/m), added to; they are NaN where not.
         """
         return self._run(kernel, u=u, state=state, **out)
 
@@ -269,11 +260,7 @@ class PointCells:
         return F
 
     def dilatation(self, u: Floats) -> tuple[Floats, Floats]:
-        """The logarithm ln J (c,) at the centres of cells in space, and its slopes (c, a·i), 1/m.
-
-        Args:
-            u: (n,), m.
-        """
+        """Log of J (c,) at centres of cells in space, and slopes (c, a·i), 1/m, at u (n,), m."""
         cells, F = self.cells, self.deformation(u).reshape(-1, 3, 3)
         table = cells.table.transpose(0, 2, 1).reshape(-1, cells.table.shape[1])[: cells.count]
         # The gradients of the nodes' functions, carried over to the present place.

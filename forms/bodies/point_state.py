@@ -121,12 +121,9 @@ class MaterialPoints:
         raise NotImplementedError
 
     def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel | None:
-        """What updates them on the way of a loop over cells; None: nothing does.
+        """What updates them in a loop over cells, in "strain", "ring" or "space"; None: nothing.
 
-        Args:
-            section: ``strain``, ``ring`` or ``space``, of a body.
-            dt: s, length of the step.
-            volumetric: False leaves the volumetric energy out.
+        ``dt``: s; ``volumetric``: False leaves the volumetric energy out.
         """
         return None
 
@@ -256,10 +253,7 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True)
 class PointHistory:
-    """What a body must be given to be again as it was after its last committed step.
-
-    It has to be evaluated and committed again, at the displacements of that time.
-    """
+    """All that a body is restored from: what was committed last, to be evaluated once more."""
 
     origin: Origin | None  # of the last committed step; None: there was none
     dissipated: Floats  # (2,), J, of this rank in all steps, and the numerical part of it
@@ -342,11 +336,7 @@ class PointState:
         return Origin(self.committed, dt)
 
     def commit(self, u: Floats) -> Evaluation | None:
-        """Start from the trial's values, at ``u`` (n,), m, from now on.
-
-        Returns:
-            What was committed; None where nothing was tried since the last time.
-        """
+        """Start from the trial's values, at ``u`` (n,), m, and give them; None without any."""
         done = self.trial
         if done is None:
             return None

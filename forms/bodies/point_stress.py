@@ -14,16 +14,8 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from tribox.forms.bodies import materials
 from tribox.forms.bodies.kinematics import Section
-from tribox.forms.bodies.materials import (
-    Hencky,
-    Material,
-    MooneyRivlin,
-    NeoHookean,
-    Ogden,
-    OwnEnergy,
-    Yeoh,
-)
 from tribox.forms.bodies.own_energy import InvariantEnergy
 from tribox.forms.bodies.point_state import Kernel
 
@@ -33,7 +25,13 @@ PIECE = 2048  # points whose stresses are found at once
 # -- Strain energies at points ---------------------------------------------------------------------
 
 # Of energies.h.
-NUMBERS: dict[type, int] = {NeoHookean: 0, MooneyRivlin: 1, Hencky: 2, Yeoh: 3, Ogden: 4}
+NUMBERS: dict[type, int] = {
+    materials.NeoHookean: 0,
+    materials.MooneyRivlin: 1,
+    materials.Hencky: 2,
+    materials.Yeoh: 3,
+    materials.Ogden: 4,
+}
 WHOLE, DISTORTION, VOLUME = range(3)
 _PARTS = {WHOLE: slice(None), DISTORTION: slice(0, 1), VOLUME: slice(1, 2)}
 AtPoints = Callable[[Floats, bool], tuple[Floats, Floats, Floats | None]]
@@ -47,20 +45,16 @@ class _Law(ctypes.Structure):
     _fields_ = (("material", ctypes.c_int64), ("part", ctypes.c_int64), ("c", ctypes.c_void_p))
 
 
-def constants_of(material: Material) -> Floats:
+def constants_of(material: materials.Material) -> Floats:
     """The constants of a material that the C sources know, as they have them."""
     values = list(material.parameters().values())
-    if isinstance(material, Ogden):  # as many as it has terms, which must be told
+    if isinstance(material, materials.Ogden):  # as many as it has terms, which must be told
         values = [values[-1], len(material.mu), *values[:-1]]
     return np.array(values, dtype=np.float64)
 
 
-def energy_kernel(section: str, material: Material, part: int) -> Kernel:
-    """What gives stress, moduli and energy of a part of the material's energy at points.
-
-    Args:
-        section: ``strain``, ``ring`` or ``space``.
-    """
+def energy_kernel(section: str, material: materials.Material, part: int) -> Kernel:
+    """Gives stress, moduli and energy of a part of an energy, in "strain", "ring" or "space"."""
     constants = constants_of(material)
     law = _Law(NUMBERS[type(material)], part, constants.ctypes.data)
     law.constants = constants
@@ -68,23 +62,19 @@ def energy_kernel(section: str, material: Material, part: int) -> Kernel:
     return Kernel.of(source, f"elastic_{section}", law, symmetric=True)
 
 
-def has_volume(material: Material) -> bool:
+def has_volume(material: materials.Material) -> bool:
     """Whether there is a volumetric part; that of a user's own energy may be 0."""
-    elastic: Material = getattr(material, "elastic", material)
+    elastic: materials.Material = getattr(material, "elastic", material)
     if type(elastic) in NUMBERS:
         return True
-    return not InvariantEnergy(cast(OwnEnergy, elastic), _PARTS[VOLUME], True).vanishes
+    return not InvariantEnergy(cast(materials.OwnEnergy, elastic), _PARTS[VOLUME], True).vanishes
 
 
-def energy_at_points(material: Material, part: int, space: bool) -> AtPoints:
-    """A part of a material's strain energy, with its derivatives by F; NaN where J ≤ 0.
-
-    Args:
-        space: 9 components of F instead of the plane's 5.
-    """
-    elastic: Material = getattr(material, "elastic", material)
+def energy_at_points(material: materials.Material, part: int, space: bool) -> AtPoints:
+    """A part of an energy with its derivatives by F (9 in space, else 5); NaN where J ≤ 0."""
+    elastic: materials.Material = getattr(material, "elastic", material)
     if type(elastic) not in NUMBERS:
-        return InvariantEnergy(cast(OwnEnergy, elastic), _PARTS[part], space)
+        return InvariantEnergy(cast(materials.OwnEnergy, elastic), _PARTS[part], space)
     kernel = energy_kernel("space" if space else "ring", elastic, part)
 
     def at(F: Floats, tangent: bool = False) -> tuple[Floats, Floats, Floats | None]:
@@ -101,12 +91,9 @@ class StressAt(Protocol):
     """What gives the stress of a body at fixed places of it."""
 
     def cauchy(self, F: Floats, volumetric: Floats | None = None) -> Floats:
-        """Cauchy stress (p, 3, 3), Pa, at the present displacement.
+        """Cauchy stress (p, 3, 3), Pa, at F (p, 3, 3) and the present displacement.
 
-        Args:
-            F: (p, 3, 3) deformation gradients there.
-            volumetric: (p, 3, 3), those that the volumetric energy is taken at, where they are
-                others (selective reduced integration: those at the cells' centres).
+        ``volumetric``: (p, 3, 3), of the volumetric energy, if others: at the cells' centres.
         """
         ...
 
@@ -118,7 +105,7 @@ class StressAt(Protocol):
 class PointStress:
     """Cauchy stress of a material from deformation gradients, σ = P Fᵀ/J."""
 
-    def __init__(self, material: Material, section: Section) -> None:
+    def __init__(self, material: materials.Material, section: Section) -> None:
         self._space = section == "3D"
         self._parts = [
             energy_at_points(material, part, self._space) for part in (WHOLE, DISTORTION, VOLUME)

@@ -64,12 +64,9 @@ class SofteningPoints(MaterialPoints):
     def __init__(
         self, elastic: Material, softening: Mullins, space: bool, held: bool = False
     ) -> None:
-        """Take the energy.
+        """Take the energy; ``space``: 9 components of F, else 5.
 
-        Args:
-            space: 9 components of F instead of the plane's 5.
-            held: whether the largest energy is held, as in the first moment of unloading: beyond
-                it η goes on as it came.
+        ``held``: the largest energy is, as in first unloading: beyond it η goes on as it came.
         """
         super().__init__(space, {LARGEST: slice(0, 1)}, np.zeros(1))
         self.elastic, self.softening, self._held = elastic, softening, held

@@ -21,23 +21,11 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from tribox.forms.bodies.kinematics import (
-    Section,
-    body_measure,
-    circumference,
-    section_of,
-)
+from tribox.forms.bodies import point_stress
+from tribox.forms.bodies.kinematics import Section, body_measure, circumference, section_of
 from tribox.forms.bodies.materials import Material, oedometric_modulus
 from tribox.forms.bodies.point_cells import PointCells, centres_of
 from tribox.forms.bodies.point_state import Floats, PointHistory
-from tribox.forms.bodies.point_stress import (
-    VOLUME,
-    PointStress,
-    StressAt,
-    as_tensors,
-    energy_at_points,
-    has_volume,
-)
 from tribox.geometry.surfaces.facets import Ints
 
 Formulation = Literal["q1", "q1-sri", "q2"]
@@ -113,7 +101,7 @@ class Solid:
         self.cell = mesh.topology.cell_name()
         self.full_degree = full_degree(formulation, self.cell)
         # An energy without a part of J, as a user's own may be, has nothing to take at the centre.
-        self.reduced = formulation == "q1-sri" and has_volume(material)
+        self.reduced = formulation == "q1-sri" and point_stress.has_volume(material)
         self._start_points()
 
     @cached_property
@@ -194,28 +182,19 @@ class Solid:
     def _stiffness(self) -> float:
         return oedometric_modulus(self.material)
 
-    def stress_at(self, cells: NDArray[np.int32], xi: Floats | None) -> StressAt:
-        """What gives the Cauchy stress at points of owned cells, in numpy.
+    def stress_at(self, cells: NDArray[np.int32], xi: Floats | None) -> point_stress.StressAt:
+        """What gives the Cauchy stress at points of owned cells (k,), in numpy.
 
-        Args:
-            cells: (k,) local, of the body.
-            xi: reference coordinates, (k, α) of a point in each cell or (1, α) of the same point
-                in all; None: all quadrature points of full integration, (q, c) in this order, of
-                all cells of the body.
+        At ξ (k, α), or (1, α) the same in all; None: all points of full integration (q, c), of all.
         """
-        return PointStress(self.material, self.section)
+        return point_stress.PointStress(self.material, self.section)
 
     # -- what material points remember: nothing here, see `tribox.forms.bodies.memory_solid` -------
 
     def evaluate(self, dt: float = math.inf, tangent: bool = False) -> bool:
-        """Let the forms be those of the present displacement; changes nothing that is remembered.
+        """Evaluate forces, and if asked the tangent, now; changes nothing that is remembered.
 
-        Args:
-            dt: s, duration of the step; infinite where rates do not count.
-            tangent: whether the tangent is wanted too.
-
-        Returns:
-            Whether the material could be evaluated on this rank; where not, the forms give NaN.
+        ``dt``: s, infinite without rates. False where the material could not be; forces are NaN.
         """
         return True
 
@@ -283,14 +262,10 @@ class CarriedPressure:
         self._u = u
         self._excess: Floats = np.zeros(len(cells))
         self._centres = PointCells(section, centres_of(u.function_space, section, cells))
-        self._energy = energy_at_points(material, VOLUME, space=True)
+        self._energy = point_stress.energy_at_points(material, point_stress.VOLUME, space=True)
 
     def carry(self, before: Floats) -> None:
-        """Find the pressures at the present displacement.
-
-        Args:
-            before: (n,), m, u₀ at this rank's unknowns, ghosts included.
-        """
+        """Find the pressures now; ``before``: u₀ (n,), m, ghosts included."""
         F, start = self._gradients(self._u.x.array), self._gradients(before)
         with np.errstate(all="ignore"):
             J, J0 = np.linalg.det(F), np.linalg.det(start)
@@ -308,7 +283,7 @@ class CarriedPressure:
 
     def _gradients(self, u: Floats) -> Floats:
         """Deformation gradients (c, 3, 3) at the centres, for displacements (n,), m."""
-        return as_tensors(self._centres.deformation(u))
+        return point_stress.as_tensors(self._centres.deformation(u))
 
     def _slopes(self, J: Floats) -> tuple[Floats, Floats]:
         """U' and U'' (c,), Pa: in a sphere F = J^(1/3) I, P = U' cof F."""

@@ -47,14 +47,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tribox.forms.bodies import point_state
 from tribox.forms.bodies.materials import Material
-from tribox.forms.bodies.point_state import (
-    DISSIPATED,
-    Floats,
-    Kernel,
-    MaterialPoints,
-    PointsBeside,
-)
 from tribox.forms.bodies.softening import Mullins, SofteningPoints
 
 SOURCE = "viscous_points.c"
@@ -91,27 +85,27 @@ class Viscoelastic:
         """Those of the relaxed energy."""
         return self.elastic.parameters()
 
-    def points(self, space: bool) -> MaterialPoints:
+    def points(self, space: bool) -> point_state.MaterialPoints:
         """Its branches, and what softens."""
-        parts: list[MaterialPoints] = []
+        parts: list[point_state.MaterialPoints] = []
         if self.branches:
             parts.append(ViscousPoints(self.branches, space))
         if self.softening is not None:
             parts.append(SofteningPoints(self.elastic, self.softening, space))
-        return parts[0] if len(parts) == 1 else PointsBeside(parts)
+        return parts[0] if len(parts) == 1 else point_state.PointsBeside(parts)
 
 
 class _Branches(ctypes.Structure):
     """``Branches`` of the C source."""
 
-    tables: Floats  # what the others point to
+    tables: point_state.Floats  # what the others point to
     _fields_ = (
         ("branches", ctypes.c_int64),
         *((name, ctypes.c_void_p) for name in ("modulus", "share", "rest", "ratio")),
     )
 
 
-class ViscousPoints(MaterialPoints):
+class ViscousPoints(point_state.MaterialPoints):
     """The branches at material points."""
 
     added = rated = True
@@ -131,19 +125,15 @@ class ViscousPoints(MaterialPoints):
         size = len(metric)
         columns = {f"viscous_metric_{b + 1}": slice(size * b, size * (b + 1)) for b in range(count)}
         ends = [size * count, (size + 1) * count, (size + 2) * count]
-        columns |= {DISSIPATED: slice(*ends[:2]), "stored": slice(*ends[1:])}
+        columns |= {point_state.DISSIPATED: slice(*ends[:2]), "stored": slice(*ends[1:])}
         super().__init__(space, columns, np.append(np.tile(metric, count), np.zeros(2 * count)))
 
     def frozen(self) -> ViscousPoints:
         """The same with the dashpots held."""
         return ViscousPoints(self.branches, self.space, held=True)
 
-    def kernel(self, section: str, dt: float, volumetric: bool = True) -> Kernel:
-        """See :meth:`MaterialPoints.kernel`; there is no volumetric part.
-
-        Raises:
-            ValueError: dt ≤ 0.
-        """
+    def kernel(self, section: str, dt: float, volumetric: bool = True) -> point_state.Kernel:
+        """See :meth:`MaterialPoints.kernel`; no volumetric part; ValueError if dt ≤ 0."""
         if not dt > 0.0:
             raise ValueError(f"dt is {dt}: branches need dt > 0")
         # t of the backward Euler step and 1 − t: 1 and 0 of an endless step, 0 and 1 of held
@@ -158,5 +148,7 @@ class ViscousPoints(MaterialPoints):
         work.tables = np.stack([self._moduli, share, rest, ratio])
         rows = (row.ctypes.data for row in work.tables)
         work.modulus, work.share, work.rest, work.ratio = rows
-        metrics = self.columns[DISSIPATED].start  # what comes before
-        return Kernel.of(SOURCE, f"viscous_{section}", work, symmetric=True, read=metrics)
+        metrics = self.columns[point_state.DISSIPATED].start  # what comes before
+        return point_state.Kernel.of(
+            SOURCE, f"viscous_{section}", work, symmetric=True, read=metrics
+        )

@@ -10,18 +10,11 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from tribox.forms.bodies import point_cells
 from tribox.forms.bodies.deformation import quadrature_rows
 from tribox.forms.bodies.kinematics import Section, circumference, section_of
 from tribox.forms.bodies.loads import owned_values, surface_measure
 from tribox.forms.bodies.materials import Hencky, Material, NeoHookean
-from tribox.forms.bodies.point_cells import (
-    NAMES,
-    Moduli,
-    PointCells,
-    add_tangent,
-    cells_of,
-    centres_of,
-)
 from tribox.forms.bodies.point_stress import DISTORTION, VOLUME, WHOLE, energy_kernel
 from tribox.forms.bodies.solid import Solid
 from tribox.geometry.surfaces.facets import Floats, Ints
@@ -30,15 +23,9 @@ from tribox.geometry.surfaces.facets import Floats, Ints
 def surface_weights(
     space: dolfinx.fem.FunctionSpace, facets: Ints, section: Section | None = None
 ) -> Floats:
-    r"""Weights :math:`\int N_a \, d\Gamma_0` of the owned nodes (n,); collective.
+    r"""Weights :math:`\int N_a \, d\Gamma_0` (n,) of owned nodes, m² or m, 0 beside; collective.
 
-    Args:
-        space: blocked vector Lagrange space.
-        facets: local facets, owned and ghosts.
-        section: what the mesh stands for; by default plane strain, or a body in space.
-
-    Returns:
-        m² (m in plane strain, per unit thickness); 0 off the surface.
+    Of local facets with ghosts in a blocked vector Lagrange space and section.
     """
     mesh, dim = space.mesh, space.dofmap.index_map_bs
     around = circumference(mesh, section_of(mesh.geometry.dim, section))
@@ -79,16 +66,9 @@ def lumped_mass(
 ) -> Floats:
     r"""Row sums of the mass matrix, :math:`m_a = \int s \rho N_a \, d\Omega_0`; collective.
 
-    Args:
-        space: blocked vector Lagrange space of first order.
-        scale: s of the owned cells (c,), a factor on their mass; None: 1.
-
-    Returns:
-        Mass of each local unknown, ghosts included, kg per unit thickness; 0 at nodes of no body.
-
-    Raises:
-        ValueError: on every rank, if a body has no density, or the element's row sums are not
-            positive (second order).
+    Of each local unknown, ghosts included, kg per unit thickness, 0 at nodes of no body. ``scale``:
+    s of the owned cells (c,), or 1. ValueError, on every rank, without a density, or of the second
+    order, whose row sums are not positive.
     """
     missing = [solid.name for solid in solids if not solid.density > 0.0]
     if missing:
@@ -145,18 +125,18 @@ def _stiffness(space: dolfinx.fem.FunctionSpace, solid: Solid) -> Floats:
     neo = isinstance(solid.material.elastic, NeoHookean)
     material: Material = NeoHookean(*moduli) if neo else Hencky(*moduli)
     section, cells = solid.section, solid.cells
-    full = cells_of(space, section, cells, solid.full_degree)
+    full = point_cells.cells_of(space, section, cells, solid.full_degree)
     parts = [(full, DISTORTION if solid.reduced else WHOLE)]
     if solid.reduced:
-        parts.append((centres_of(space, section, cells), VOLUME))
-    kernels = [energy_kernel(NAMES[section], material, part) for _, part in parts]
+        parts.append((point_cells.centres_of(space, section, cells), VOLUME))
+    kernels = [energy_kernel(point_cells.NAMES[section], material, part) for _, part in parts]
     loops = [
-        PointCells(section, at, Moduli(kernel))
+        point_cells.PointCells(section, at, point_cells.Moduli(kernel))
         for (at, _), kernel in zip(parts, kernels, strict=True)
     ]
     (count, nodes), dim = full.nodes.shape, space.dofmap.index_map_bs
     shape = (count, nodes, dim, nodes)
     values = np.zeros((*shape, dim))
     starts = dim * np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
-    add_tangent(loops, np.zeros_like(solid.displacement.x.array), values, starts)
+    point_cells.add_tangent(loops, np.zeros_like(solid.displacement.x.array), values, starts)
     return values.reshape(count, nodes * dim, nodes * dim)

@@ -21,12 +21,8 @@ class Band:
     """Matrices (n, n) with entries of neighbours only, as bands.
 
     Places along a line have one neighbour on either side, those of a ring too once both its halves
-    are numbered side by side.
-
-    Attributes:
-        row, column: (e,) of the entries: of each face those of both ends (4 f), and the diagonal.
-        number: (n,) of the places, along the line, and order: (n,) the places by these.
-        reach: most that numbers of neighbours differ by.
+    are numbered side by side. ``row``, ``column``: (e,), of each face of both ends (4 f), and the
+    diagonal; ``number``: (n,) along the line, and ``order``: (n,) places by these.
     """
 
     def __init__(self, ends: Longs, count: int) -> None:
@@ -129,12 +125,7 @@ class FilmPart:
         return out
 
     def of(self, cells: FilmCells, beyond: Floats = _NONE) -> FilmCells:
-        """The cells of these places, of those of all; nothing flows out of them.
-
-        Args:
-            cells: of all places.
-            beyond: (x,), m, from the last vertices to the edges.
-        """
+        """The cells of some places, of all, without outflow; ``beyond`` (x,), m, to the edges."""
         length, width = cells.length[self.faces], cells.width[self.faces]
         area: Floats = np.concatenate([cells.area[self.here], np.zeros(len(beyond))])
         if len(beyond):  # where width goes on growing as in the last cell
@@ -229,13 +220,7 @@ class FilmPart:
         return scipy.sparse.csr_matrix(given, shared.shape)
 
     def pulls(self, film: Floats, pressure: Floats, length: Floats) -> Floats:
-        """Mean of h̄ ∂p/∂s (f',), Pa, of the facets inside, which are ``length`` (f',) m long.
-
-        Args:
-            film: h̄ (e,), m, of the faces.
-            pressure: (m,), Pa.
-            length: see above.
-        """
+        """Mean of h̄ ∂p/∂s (f',), Pa, of h̄ (e,), m, p (m,), Pa, facets of length (f',), m."""
         a, b = self.ends.T
         steps = film * (pressure[b] - pressure[a])
         return np.bincount(self.feels, steps, len(length)) / length
@@ -363,10 +348,7 @@ class FilmPlaces:
     def part(self, members: Bools, covered: Bools | None = None, fed: bool = False) -> FilmPart:
         """Places between vertices (v,) that are members; those asked for last are kept.
 
-        Args:
-            members: see above.
-            covered: (f,) facets that have the master below all of them; None: all.
-            fed: whether the film goes on to where the master ends, where a reservoir feeds it.
+        ``covered``: (f,) with master below, None: all; ``fed``: by reservoirs where it ends.
         """
         covered = np.ones(len(self.facets), dtype=bool) if covered is None else covered
         asked = (members.tobytes(), covered.tobytes(), fed)

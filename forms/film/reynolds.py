@@ -168,13 +168,9 @@ class _Film(ctypes.Structure):
 
 
 class _Loops:
-    """The balance and its matrix in compiled loops, and the arrays that they read and write.
+    """The balance and its matrix in compiled loops, and the arrays that they read and write."""
 
-    Attributes:
-        arrays: by the names in film_balance.c.
-    """
-
-    arrays: dict[str, NDArray[Any]]
+    arrays: dict[str, NDArray[Any]]  # by the names in film_balance.c
 
     def __init__(self, band: Band, scale: float, smoothing: float, **given: NDArray[Any]) -> None:
         self._code = _code()
@@ -233,11 +229,7 @@ class ReynoldsFilm:
     smoothing: float = SMOOTHING  # ε
 
     def solve(self, step: FilmStep, start: Floats) -> FilmSolution:
-        """The film at the end of a step, from ``start`` (n,), a guess of w.
-
-        Raises:
-            FilmError: Newton's method does not converge.
-        """
+        """The film at a step's end from ``start`` (n,), a guess of w; FilmError without one."""
         try:
             return self._solve(step, start)
         except FilmError:

@@ -34,13 +34,9 @@ def dry_step(
 ) -> tuple[FrictionResponse, Returned, Floats]:
     """Traction K_T g_e up to mu t_N, with derivatives, trial state and dissipation.
 
-    Returns the response for a constant coefficient, the return mapping, and the slip (i, q), m,
-    zero at open points.
-
-    ``mu`` is (q,) or a number, of this step; the rest as of ``FrictionLaw.update``.
-
-    Raises:
-        ValueError: dt is not positive in a rate-dependent step.
+    Returns the response for a constant coefficient, the return mapping, and the slip (i, q), m, 0
+    at open points. ``mu``: (q,) or a number, of this step; else as ``FrictionLaw.update``, with its
+    ValueError.
     """
     require_time_step(dt, rate_dependent)
     slip, before, closed = in_contact(slip_increment, pressure, state)
@@ -170,9 +166,6 @@ class CoulombLaw(StickingLaw):
 
     The elastic slip :math:`g_e` grows with the slip until :math:`K_T |g_e| = \mu t_N`; the rest of
     the slip is permanent. The film has no effect.
-
-    Attributes:
-        parameters: Its parameters.
     """
 
     parameters: CoulombParameters

@@ -29,14 +29,9 @@ Floats = NDArray[np.float64]
 
 
 class FactoredLaw:
-    """A friction law (a ``FrictionLaw``) times a factor.
+    """A friction law (a ``FrictionLaw``) times a factor >= 0, at the end of the step computed.
 
-    What the law says of where its friction tends (:mod:`tribox.forms.friction.law`) is passed
-    on.
-
-    Attributes:
-        law: that is multiplied; factor: -, >= 0, at the end of the step that is computed; largest:
-            that there will be, for who needs a bound on the stiffness.
+    Where friction tends is passed on; ``largest``: factor, for bounds on the stiffness.
     """
 
     def __init__(self, law: FrictionLaw, factor: float = 1.0, largest: float | None = None) -> None:

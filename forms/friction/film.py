@@ -24,27 +24,16 @@ class FilmThickness(Protocol):
     """A film: anything with a thickness that depends on the contact pressure."""
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
-        """Thickness and its derivative for the pressure.
+        """Thickness D (q,), m, and dD/dt_N (q,), m/Pa, at t_N (q,) >= 0, Pa per reference area.
 
-        Args:
-            pressure: (q,), Pa, contact pressure t_N >= 0 per reference area.
-
-        Returns:
-            D, (q,), m, and dD/dt_N, (q,), m/Pa (at a kink that of the higher pressures).
+        At a kink the derivative is that of the higher pressures.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class ConstantFilm(FilmThickness):
-    """The same thickness everywhere.
-
-    Attributes:
-        thickness: m, D >= 0.
-
-    Raises:
-        ValueError: The thickness is negative or not finite.
-    """
+    """The same thickness D ≥ 0, m, everywhere; ValueError if it is negative or not finite."""
 
     thickness: float
 
@@ -57,13 +46,9 @@ class ConstantFilm(FilmThickness):
 
 @dataclass(frozen=True, slots=True)
 class FilmTable(FilmThickness):
-    """A thickness that follows the pressure: linear between the rows, constant outside.
+    """A thickness that follows the pressure: linear between (Pa, m) rows, constant outside.
 
-    Attributes:
-        rows: (pressure in Pa, D in m), the pressures >= 0 and rising.
-
-    Raises:
-        ValueError: There is no row, the pressures do not rise, or a thickness is not allowed.
+    ValueError if there is no row, pressures do not rise, or a thickness is not allowed.
     """
 
     rows: tuple[tuple[float, float], ...]
@@ -83,14 +68,7 @@ class FilmTable(FilmThickness):
 
 @dataclass(frozen=True, slots=True)
 class FilmField:
-    """A thickness of its own at each point.
-
-    Attributes:
-        thickness: (q,), m, D >= 0, in the order of the contact's points.
-
-    Raises:
-        ValueError: A thickness is negative or not finite.
-    """
+    """A thickness (q,), m, D >= 0, of its own at each point; ValueError if one is not finite."""
 
     thickness: Floats
 
@@ -98,11 +76,7 @@ class FilmField:
         require_thickness(self.thickness)
 
     def at(self, pressure: Floats) -> tuple[Floats, Floats]:
-        """See ``FilmThickness.at``.
-
-        Raises:
-            ValueError: There are not as many thicknesses as pressures.
-        """
+        """See ``FilmThickness.at``; ValueError if there are not as many as pressures."""
         if self.thickness.shape != pressure.shape:
             raise ValueError(
                 f"film: {self.thickness.size} thicknesses for {pressure.size} contact points"
@@ -212,12 +186,7 @@ def _of_one_film(parameters: FrictionMapParameters, film: float) -> tuple[AtRest
 
 
 def film_point(parameters: FrictionMapParameters, film: Floats, speed: Floats) -> FilmPoint:
-    """Film fraction and its derivatives.
-
-    Args:
-        film: (q,) or (1,), m, film thickness D; one entry stands for all points.
-        speed: (q,), m/s, slip speed V >= 0.
-    """
+    """Film fraction and derivatives, of films (q,) or (1,), m, and slip speeds (q,), m/s."""
     if film.size == 1:
         rest, v_star = _of_one_film(parameters, float(film[0]))
     else:
@@ -265,15 +234,10 @@ def film_resistance(
     area_ratio: Floats | float,
     cover: Floats | float = 1.0,
 ) -> FilmResistance:
-    """Resistance of the film, for alpha = 1.
+    """Resistance of a film (q,) or (1,), m, for alpha = 1.
 
-    Args:
-        film: (q,) or (1,), m, film thickness D; one entry stands for all points.
-        length: (q,), m, length of the slip increment.
-        dt: (q,) or a number, s, > 0; infinity takes the film away.
-        pressure: (q,), Pa, t_N.
-        area_ratio: (q,) or a number, da/dA.
-        cover: (q,) or a number, share of the area that the film covers.
+    ``length``: (q,), m, of the slip increment; ``dt``: (q,) or a number, s, > 0, infinite: no film;
+    ``pressure``: (q,), Pa, t_N; ``area_ratio``: da/dA, ``cover``: share with film; (q,) or numbers.
     """
     area = np.asarray(area_ratio, dtype=np.float64)
     closed = pressure > 0.0

@@ -107,12 +107,7 @@ class FilmRheology(Declared):
         return self.barus > 0.0 or self.zeta > 0.0
 
     def viscosity(self, rate: Floats, pressure: Floats) -> Viscosity:
-        r"""Viscosity of the film, :math:`\tau/\dot\gamma`.
-
-        Args:
-            rate: (q,), 1/s, shear rate V/D >= 0.
-            pressure: (q,), Pa, contact pressure per current area, >= 0.
-        """
+        r""":math:`\tau/\dot\gamma` at shear rates V/D (q,), 1/s, and pressures (q,), Pa."""
         unlimited = self._unlimited(rate, pressure)
         return unlimited if self.tau_0 is None else self._limited(unlimited, rate, pressure)
 

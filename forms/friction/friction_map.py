@@ -51,10 +51,7 @@ Floats = NDArray[np.float64]
 class FrictionMap:
     """The friction-map law (a ``FrictionLaw``).
 
-    Attributes:
-        parameters: Its parameters.
-        takes_film_cover: That ``update`` takes the share of the area that is wet.
-        looks_inside: That it looks into the step, and takes ``look_inside=False`` for a short one.
+    ``takes_film_cover``: the share that is wet; ``looks_inside``: into a step that is not short.
     """
 
     takes_film_cover: ClassVar[bool] = True

@@ -87,11 +87,7 @@ class FrictionState:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Self:
-        """The state written by ``arrays``.
-
-        Raises:
-            ValueError: An array is missing or there is one too many.
-        """
+        """The state written by ``arrays``; ValueError if one is missing, or too many."""
         expected = {field.name for field in fields(cls)}
         if set(arrays) != expected:
             raise ValueError(
@@ -223,11 +219,7 @@ class FrictionLaw(Protocol):
 
 
 def require_time_step(dt: Floats | float, rate_dependent: bool) -> None:
-    """Refuse a step without duration where speed matters.
-
-    Raises:
-        ValueError: dt is not positive (or not a number) in a rate-dependent step.
-    """
+    """ValueError if a rate-dependent step has no dt > 0."""
     if rate_dependent and not (dt > 0.0 if isinstance(dt, float) else np.all(dt > 0.0)):
         raise ValueError(f"dt = {dt!r} s is not allowed: a rate-dependent step needs dt > 0")
 
@@ -250,24 +242,14 @@ def settling_slip(law: FrictionLaw) -> float:
 
 
 def unsettled(law: FrictionLaw, state: FrictionState, pressure: Floats) -> Floats:
-    """By how much friction is above the traction it tends to, (q,), Pa; 0 at open points.
-
-    Args:
-        state: after the step, of q points.
-        pressure: (q,), Pa, t_N.
-    """
+    """Friction above the traction it tends to, (q,), Pa, 0 at open points; t_N (q,), Pa."""
     own: Any = law
     left = own.unsettled(state, pressure) if hasattr(law, "unsettled") else 0.0
     return np.where(pressure > 0.0, left, 0.0)
 
 
 def presliding_length(law: FrictionLaw, state: FrictionState, pressure: Floats) -> Floats:
-    """Slip in which friction follows a change, (q,), m; 0 at open points.
-
-    Args:
-        state: after the step, of q points.
-        pressure: (q,), Pa, t_N.
-    """
+    """Slip in which friction follows a change, (q,), m, 0 at open points; t_N (q,), Pa."""
     own: Any = law
     if hasattr(law, "presliding_length"):
         length = own.presliding_length(state, pressure)

@@ -178,16 +178,9 @@ K_T) is in none of them; "friction-map" also leaves the threshold speed (V_star 
 
 
 def with_preset(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values over a preset's, for ``FrictionMapParameters(**...)``.
+    """Values over a preset's, for ``FrictionMapParameters(**...)``; ValueError if there is none.
 
-    A given alpha replaces the preset's beta and the other way round; likewise V_star and gamma.
-
-    Args:
-        name: One of ``PRESETS``.
-        values: Fields given by the user; None counts as not given.
-
-    Raises:
-        ValueError: There is no such preset.
+    A given alpha replaces the preset's beta, likewise V_star and gamma; None is not given.
     """
     if name not in PRESETS:
         raise Refused("preset", f"must be {' or '.join(map(repr, PRESETS))}", name)

@@ -175,11 +175,7 @@ class SlipWeakening:
         return self.coefficient(slip_path) - self.mu_d
 
     def settling_slip(self, excess: float) -> float:
-        """Slip from which on mu is at most ``excess`` above where it tends, m; inf for 0.
-
-        Args:
-            excess: -, >= 0.
-        """
+        """Slip, m, from which mu is at most ``excess`` (≥ 0) above where it tends; inf for 0."""
         fall = self.mu_s - self.mu_d
         if self.constant or fall <= excess:
             return 0.0

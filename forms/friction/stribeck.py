@@ -54,11 +54,7 @@ class StribeckParameters(Declared):
             yield Refused("mu_d", f"must be <= mu_s = {self.mu_s:g}", self.mu_d)
 
     def coefficient(self, speed: Floats) -> tuple[Floats, Floats]:
-        """mu(V) and its derivative (s/m; taken as zero at V = 0), both (q,).
-
-        Args:
-            speed: (q,), m/s, V >= 0.
-        """
+        """mu(V) and its derivative (s/m; 0 at V = 0), both (q,), of V ≥ 0 (q,), m/s."""
         moving = speed > 0.0
         # At rest any ratio will do: the power's slope is infinite there for δ < 1.
         ratio = np.where(moving, speed, self.V_s) / self.V_s

@@ -17,9 +17,5 @@ SOURCES = (
 
 @functools.cache
 def library(name: str) -> ctypes.CDLL:
-    """The compiled library of the source ``name``.
-
-    Raises:
-        KernelError: it can be neither found nor made.
-    """
+    """The compiled library of the source ``name``; KernelError if it cannot be made."""
     return compiled(Path(__file__).with_name(name))

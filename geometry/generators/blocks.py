@@ -35,12 +35,9 @@ SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
 
 @dataclass(frozen=True, slots=True)
 class PlacedBlock:
-    """A rectangle or box, where it lies and how finely it is meshed.
+    """A rectangle or box, where it lies and how finely it is meshed: by elements or size.
 
-    Either ``elements`` or ``size`` is given.
-
-    Raises:
-        ValueError: If a value is out of its range; the message names block, field and value.
+    ValueError if a value is out of its range, naming block, field and value.
     """
 
     name: str  # of the body; its sides are surfaces NAME_left, NAME_right, ... (:data:`SIDES`)
@@ -311,10 +308,7 @@ class _Drawn:
 
 
 def _draw(block: PlacedBlock, cell: str) -> _Drawn:
-    """Draw a block.
-
-    Corners are numbered by x + 2 y + 4 z, each 0 or 1.
-    """
+    """Draw a block; corners are numbered by x + 2 y + 4 z, each 0 or 1."""
     import gmsh
 
     geo, dim = gmsh.model.geo, len(block.low)

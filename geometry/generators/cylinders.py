@@ -18,14 +18,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from tribox.geometry.generators import sphere_on_block
 from tribox.geometry.generators.blocks import MAX_CELLS, ROUND_OFF, check_length
-from tribox.geometry.generators.sphere_on_block import (
-    Body,
-    Drawing,
-    Ring,
-    boxed_section,
-    round_section,
-)
 from tribox.geometry.generators.two_blocks import CELLS, check_growth, check_pair, layers, mesh_pair
 
 
@@ -33,26 +27,23 @@ from tribox.geometry.generators.two_blocks import CELLS, check_growth, check_pai
 class HalfCylinder:
     """A cylinder cut in half: round towards the contact, its flat side the far side.
 
-    Attributes:
-        radius: m.
-        contact_width: Extent in x of the contact zone, m; the surface outside it never touches.
-        contact_size: Largest width of a cell in the contact zone, and height on its surface, m.
-
     Raises:
         ValueError: If a value is out of its range; the message names field, value and range.
     """
 
-    radius: float
-    contact_width: float
-    contact_size: float
+    radius: float  # m
+    contact_width: float  # extent in x of the contact zone, m; the surface outside it never touches
+    contact_size: float  # largest width of a cell in the contact zone, and height on its surface, m
 
     def __post_init__(self) -> None:
         check_length("radius", self.radius)
         _check_zone(self.contact_width, self.contact_size, "radius", self.radius)
 
-    def section(self, growth: float) -> Body:
+    def section(self, growth: float) -> sphere_on_block.Body:
         """Half of it, upwards."""
-        return round_section(self.radius, self.contact_width, self.contact_size, growth)
+        return sphere_on_block.round_section(
+            self.radius, self.contact_width, self.contact_size, growth
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +64,14 @@ class FlatBlock:
         check_length("height", self.height)
         _check_zone(self.contact_width, self.contact_size, "width", self.width)
 
-    def section(self, growth: float) -> Body:
+    def section(self, growth: float) -> sphere_on_block.Body:
         """Half of it, upwards; the box is half as deep as it is wide, or as the block is high."""
         half, end, far = 0.5 * self.contact_width, 0.5 * self.width, self.height
         box, size = min(half, 0.5 * far), self.contact_size
         places = {"pole": (0.0, 0.0), "core": (0.0, box), "top": (0.0, far), "near": (half, 0.0),
                   "inner": (half, box), "corner": (end, far), "end": (end, 0.0)}  # fmt: skip
-        body = boxed_section(
-            {name: Ring(*place) for name, place in places.items()},
+        body = sphere_on_block.boxed_section(
+            {name: sphere_on_block.Ring(*place) for name, place in places.items()},
             layers(box, size, growth), layers(end - half, size, growth), size, growth,
         )  # fmt: skip
         faces: dict[str, tuple[tuple[str, str], ...]] = {
@@ -98,25 +89,19 @@ Shape = HalfCylinder | FlatBlock
 class LineContact:
     """Two bodies that touch along the line x = y = 0.
 
-    Attributes:
-        upper: The body above (an elastomer, if not named otherwise).
-        lower: The body below (aluminium, if not named otherwise).
-        growth: Size of a cell over that of its neighbour on the contact side, outside the contact
-            zone along the surface and everywhere inwards.
-        cell: "quadrilateral", or "triangle" (the same grid, each cell cut in two).
-        upper_name: Name of the upper body and first part of its surfaces' names.
-        lower_name: Name of the lower body and first part of its surfaces' names.
-
     Raises:
         ValueError: If a value is out of its range; the message names field, value and range.
     """
 
-    upper: Shape
-    lower: Shape
+    upper: Shape  # the body above (an elastomer, if not named otherwise)
+    lower: Shape  # the body below (aluminium, if not named otherwise)
+    # size of a cell over that of its neighbour on the contact side, outside the contact zone along
+    # the surface and everywhere inwards
     growth: float = 1.15
+    # "quadrilateral", or "triangle" (the same grid, each cell cut in two)
     cell: str = "quadrilateral"
-    upper_name: str = "elastomer"
-    lower_name: str = "aluminium"
+    upper_name: str = "elastomer"  # name of the upper body and first part of its surfaces' names
+    lower_name: str = "aluminium"  # name of the lower body and first part of its surfaces' names
 
     def __post_init__(self) -> None:
         check_growth(self.growth)
@@ -147,7 +132,7 @@ class LineContact:
         the arcs beside its contact zone, of a block its far side and its ends.
         """
         upper, lower = (
-            Drawing(body.section(self.growth), "line", self.cell, upwards).draw()
+            sphere_on_block.Drawing(body.section(self.growth), "line", self.cell, upwards).draw()
             for body, upwards in ((self.upper, 1.0), (self.lower, -1.0))
         )
         mesh_pair(2, (self.upper_name, self.lower_name), (upper, lower))

@@ -23,15 +23,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
+from tribox.geometry.generators import two_blocks
 from tribox.geometry.generators.blocks import MAX_CELLS, ROUND_OFF, check_length
-from tribox.geometry.generators.two_blocks import (
-    CELLS,
-    Drawn,
-    check_growth,
-    check_pair,
-    layers,
-    mesh_pair,
-)
 
 Part = Literal["axisymmetric", "quarter", "half", "full"]
 QUARTERS = {"quarter": 1, "half": 2, "full": 4}
@@ -79,33 +72,22 @@ class Body:
 class SphereOnBlock:
     """A hemisphere, round side down, on a round block; the bodies touch at the origin.
 
-    Attributes:
-        radius: Of the sphere, m.
-        block_radius: Of the block, m.
-        block_height: Of the block, m.
-        contact_width: Width of the contact zone of equal cells around the origin, m.
-        contact_size: Largest width of a cell in the contact zone, and height on its surface, m.
-        growth: Size of a cell over that of its neighbour on the contact side elsewhere.
-        part: "axisymmetric" (the half section x >= 0), "quarter" (x, z >= 0), "half" (z >= 0) or
-            "full".
-        cell: "quadrilateral" or "triangle" of the section, else "hexahedron" or "tetrahedron".
-        upper_name: Name of the hemisphere and first part of its surfaces' names.
-        lower_name: Name of the block and first part of its surfaces' names.
-
     Raises:
         ValueError: If a value is out of its range; the message names field, value and range.
     """
 
-    radius: float
-    block_radius: float
-    block_height: float
-    contact_width: float
-    contact_size: float
-    growth: float = 1.15
+    radius: float  # of the sphere, m
+    block_radius: float  # of the block, m
+    block_height: float  # of the block, m
+    contact_width: float  # width of the contact zone of equal cells around the origin, m
+    contact_size: float  # largest width of a cell in the contact zone, and height on its surface, m
+    growth: float = 1.15  # size of a cell over that of its neighbour on the contact side elsewhere
+    # "axisymmetric" (the half section x >= 0), "quarter" (x, z >= 0), "half" (z >= 0) or "full"
     part: Part = "axisymmetric"
+    # "quadrilateral" or "triangle" of the section, else "hexahedron" or "tetrahedron"
     cell: str = "quadrilateral"
-    upper_name: str = "elastomer"
-    lower_name: str = "aluminium"
+    upper_name: str = "elastomer"  # name of the hemisphere and first part of its surfaces' names
+    lower_name: str = "aluminium"  # name of the block and first part of its surfaces' names
 
     def __post_init__(self) -> None:
         for name in ("radius", "block_radius", "block_height", "contact_width", "contact_size"):
@@ -121,12 +103,14 @@ class SphereOnBlock:
                 f"contact_size = {self.contact_size} m is not allowed; at most half of "
                 f"contact_width = {self.contact_width} m"
             )
-        check_growth(self.growth)
+        two_blocks.check_growth(self.growth)
         if self.part not in get_args(Part):
             raise ValueError(
                 f"part = {self.part!r} is not allowed; choose from {', '.join(get_args(Part))}"
             )
-        check_pair(self.cell, CELLS[self.dim], (self.upper_name, self.lower_name))
+        two_blocks.check_pair(
+            self.cell, two_blocks.CELLS[self.dim], (self.upper_name, self.lower_name)
+        )
         if (cells := max(self.cells_of(body) for body in self.bodies())) > MAX_CELLS:
             raise ValueError(
                 f"contact_size = {self.contact_size} m and growth = {self.growth} make a body of "
@@ -167,8 +151,8 @@ class SphereOnBlock:
         # A square prism below the zone, wider at its foot, and around it parts that go over into
         # the circle: wedges that meet on the axis would end in degenerate cells there.
         across = max(1, math.ceil(half / (self.contact_size * ROUND_OFF)))
-        deep = Edge(layers(H, self.contact_size, self.growth), self.growth)
-        out = layers(R - half, self.contact_size, self.growth)
+        deep = Edge(two_blocks.layers(H, self.contact_size, self.growth), self.growth)
+        out = two_blocks.layers(R - half, self.contact_size, self.growth)
         return Body(
             rings={
                 "pole": Ring(0.0, 0.0),
@@ -204,7 +188,7 @@ class SphereOnBlock:
         ``U_symmetry_z`` and ``L_symmetry_z`` (z = 0).
         """
         upper, lower = (Drawing(body, self.part, self.cell).draw() for body in self.bodies())
-        mesh_pair(self.dim, (self.upper_name, self.lower_name), (upper, lower))
+        two_blocks.mesh_pair(self.dim, (self.upper_name, self.lower_name), (upper, lower))
 
 
 def round_section(radius: float, width: float, size: float, growth: float) -> Body:
@@ -227,8 +211,8 @@ def round_section(radius: float, width: float, size: float, growth: float) -> Bo
             "corner": Ring(0.6 * radius, radius, 0.45 * radius),
             "end": Ring(radius, radius, radius * math.sqrt(0.5), on="sphere"),
         },
-        layers(math.hypot(0.2 * half, 0.8 * half), size, growth),
-        layers(flank, size, growth),
+        two_blocks.layers(math.hypot(0.2 * half, 0.8 * half), size, growth),
+        two_blocks.layers(flank, size, growth),
         size,
         growth,
     )
@@ -241,10 +225,7 @@ def round_section(radius: float, width: float, size: float, growth: float) -> Bo
 
 
 def boxed_section(rings: dict[str, Ring], deep: int, out: int, size: float, growth: float) -> Body:
-    """A section with a box under the contact, and two parts round it.
-
-    ``deep``, ``out``: cells along the sides of the box, and from them to the far side.
-    """
+    """A section with a box under the contact, ``deep`` cells, and two parts round it, ``out``."""
     return Body(
         rings,
         parts=(
@@ -286,7 +267,7 @@ class Drawing:
     _faces: dict[frozenset[Corner], int] = field(default_factory=dict)
     _middles: dict[float, int] = field(default_factory=dict)
 
-    def draw(self) -> Drawn:
+    def draw(self) -> two_blocks.Drawn:
         """Make all entities and record their names."""
         for way in PLANE.get(self.part, ()):
             for names in self.body.parts:

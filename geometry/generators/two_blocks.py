@@ -182,10 +182,7 @@ def check_pair(cell: str, cells: Sequence[str], names: tuple[str, str]) -> None:
 
 
 def mesh_pair(dim: int, names: tuple[str, str], drawn: tuple[Drawn, Drawn]) -> None:
-    """Name and mesh two bodies, the upper one first, in the current gmsh model.
-
-    Their far sides are ``top`` and ``bottom``, the others NAME_side.
-    """
+    """Name and mesh two bodies, upper first; far sides are ``top``, ``bottom``, else NAME_side."""
     import gmsh
 
     gmsh.model.geo.synchronize()

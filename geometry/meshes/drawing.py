@@ -45,24 +45,13 @@ AS_DRAWN = Meshing()
 
 
 def mesh_drawing(drawing: Path, path: Path, how: Meshing = AS_DRAWN) -> dict[str, int]:
-    """Mesh a drawing and write it as a gmsh file of version 4.1; to be called on one process.
+    """Mesh a drawing and write it as a gmsh file of version 4.1, on one process.
 
-    The mesh is of the dimension of the highest physical group. The file appears under its name
-    only when it is complete, and only with what `tribox.geometry.meshes.mesh.read` needs: named
-    bodies. gmsh runs in a process of its own, which may break down or be told to exit by the
-    drawing.
-
-    Args:
-        drawing: The drawing: a script that gmsh runs (``.geo``), or ``.step``, ``.stp``.
-        path: The file to write, ending in ``.msh``, in an existing directory.
-        how: Sizes and names.
-
-    Returns:
-        Number of cells by name of the body.
-
-    Raises:
-        MeshError: If the drawing is missing, gmsh cannot draw or mesh it, or a body has no name.
-        OSError: If the file cannot be written.
+    Of a script (``.geo``) or ``.step``, ``.stp``, in the dimension of the highest physical group.
+    The file appears under its name only when it is complete, and only with what
+    `tribox.geometry.meshes.mesh.read` needs: named bodies, whose cells are counted by name. gmsh
+    runs in a process of its own, which may break down or be told to exit by the drawing. MeshError
+    if it cannot draw or mesh it, or a body has no name; OSError.
     """
     if not drawing.is_file():
         raise MeshError(f"{drawing}: no such file")
@@ -81,11 +70,7 @@ def mesh_drawing(drawing: Path, path: Path, how: Meshing = AS_DRAWN) -> dict[str
 
 
 def write_mesh_of(drawing: Path, task: str) -> dict[str, int]:
-    """What `mesh_drawing` does, in this process, told in JSON.
-
-    Raises:
-        MeshError: As there, or the file cannot be written.
-    """
+    """What `mesh_drawing` does, here, told in JSON; MeshError as there, or if it cannot write."""
     told: dict[str, Any] = json.loads(task)
     how, path = Meshing(**told["how"]), str(told["path"])
     try:
@@ -199,13 +184,9 @@ _KIND = {1: "curve", 2: "face", 3: "volume"}
 
 
 def _name_parts(gmsh: ModuleType, how: Meshing, plain: bool) -> None:
-    """Name bodies and surfaces as asked.
+    """Name bodies and surfaces as asked; MeshError if a part is not there, or named twice.
 
-    ``plain``: whether the drawing has no names of its own: bodies are then called "body 1", ...,
-    unless they are named.
-
-    Raises:
-        MeshError: There is no such part, or it has two names.
+    ``plain``: the drawing has no names; bodies are then "body 1", ..., unless they are named.
     """
     if not (how.bodies or how.surfaces or plain):
         return
@@ -282,11 +263,7 @@ FILLED = 0.1  # share of its bounding box that a body is taken to fill at least
 
 
 def _set_sizes(gmsh: ModuleType, dim: int, how: Meshing) -> None:
-    """Set the largest size, and those on surfaces and in bodies of dimension ``dim``.
-
-    Raises:
-        MeshError: There is no part of a name.
-    """
+    """Set the largest size, and sizes on surfaces and in bodies; MeshError of unknown names."""
     size, sizes = how.size, how.sizes
     if size is None:
         return
@@ -309,11 +286,7 @@ def _set_sizes(gmsh: ModuleType, dim: int, how: Meshing) -> None:
 
 
 def _refuse_too_many(gmsh: ModuleType, dim: int, how: Meshing) -> None:
-    """Refuse sizes that gmsh would mesh for hours, as where the unit of a drawing is forgotten.
-
-    Raises:
-        MeshError: There would be more cells, as far as bounding boxes of bodies tell.
-    """
+    """MeshError if boxes of bodies tell that gmsh would mesh these sizes for hours."""
     if how.size is None or how.most is None:
         return
     cells = 0.0

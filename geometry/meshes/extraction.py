@@ -37,14 +37,9 @@ _Named = dict[str, tuple[int, dict[Kind, npt.NDArray[np.int64]]]]
 
 
 def arrays_of(gmsh: ModuleType, source: str) -> MeshArrays:
-    """Check the current model and take its mesh out of it.
+    """Check gmsh's current model, ``source`` in messages, and take its mesh out of it.
 
-    Args:
-        gmsh: The module, from ``gmsh_session``.
-        source: Name of the model in messages, for instance its file.
-
-    Raises:
-        MeshError: The mesh cannot be used, see `tribox.geometry.meshes.gmsh_model.named_groups`.
+    MeshError, see `tribox.geometry.meshes.gmsh_model.named_groups`.
     """
     groups = named_groups(gmsh, source)
     numbers, x, _ = gmsh.model.mesh.getNodes()
@@ -172,16 +167,10 @@ _PLURAL = {
 
 
 def refined(position: Floats, bodies: Parts, surfaces: Parts, source: str) -> MeshArrays:
-    """The mesh divided into cells of one kind; its names stay.
+    """The mesh of nodes (n, 3) divided into cells of one kind; its names stay.
 
-    Args:
-        position: (n, 3) of the nodes.
-        bodies: of first-order cells of any shape of `SIDES`.
-        surfaces: of facets of theirs.
-        source: name of the mesh in messages.
-
-    Raises:
-        MeshError: a facet is not one of a cell, or a cell is too distorted to be divided.
+    Of first-order bodies of any shape of `SIDES`; MeshError of ``source`` if a facet is of no cell,
+    or one is too distorted.
     """
     counts: dict[str, int] = {}
     for _, blocks in bodies.values():

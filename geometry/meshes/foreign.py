@@ -29,14 +29,7 @@ from tribox.geometry.meshes.mesh_arrays import MeshArrays
 
 
 def read_msh(path: Path, most_cells: int | None = None) -> MeshArrays:
-    """Read a gmsh file and check it, in this process.
-
-    Args:
-        most_cells: More are refused; None: any number.
-
-    Raises:
-        MeshError: The file cannot be used; the message names it.
-    """
+    """Read and check a gmsh file in this process; MeshError, also beyond ``most_cells``."""
     try:
         with gmsh_session("mesh") as gmsh:
             _open_msh(gmsh, path)
@@ -154,11 +147,7 @@ _AROUND = {
 
 
 def check_neighbours(mesh: MeshArrays, source: str) -> None:
-    """See that a facet is that of one cell, or of two on either side of it.
-
-    Raises:
-        MeshError: Cells have no extent, or lie on the same side of a facet of theirs.
-    """
+    """See that a facet is of one cell, or of two, on either side; MeshError if it is not."""
     cells = mesh.cells
     sign = _orientation(mesh, cells, source)
     facets = np.concatenate([cells[:, list(at)] for at in SIDES[mesh.cell]])

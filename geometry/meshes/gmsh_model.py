@@ -89,16 +89,9 @@ def gmsh_session(name: str) -> Iterator[ModuleType]:
 
 
 def write_msh(shape: Shape, path: Path) -> None:
-    """Write a built-in geometry as a gmsh file of version 4.1; to be called on one process.
+    """Write a built-in geometry as a gmsh file of version 4.1, whole, on one process.
 
-    The file appears under its name only when it is complete.
-
-    Args:
-        path: The file, ending in ``.msh``, in an existing directory.
-
-    Raises:
-        ValueError: If the name does not end in ``.msh``.
-        FileNotFoundError: If the directory does not exist.
+    ValueError if ``path`` does not end in ``.msh``; FileNotFoundError without its directory.
     """
     path = Path(path)
     if path.suffix != ".msh":
@@ -117,22 +110,12 @@ def write_msh(shape: Shape, path: Path) -> None:
 
 
 def named_groups(gmsh: ModuleType, source: str) -> NamedGroups:
-    """Check the current model and return its named parts.
+    """Check the current model and return names and tags of its parts, and the other groups.
 
     Nodes are renumbered without holes and groups of points (in 3D also of curves) are dropped from
-    the model: DOLFINx fails on both.
-
-    Args:
-        gmsh: The module, from ``gmsh_session``.
-        source: Name of the model in messages, for instance its file.
-
-    Returns:
-        The names and tags of bodies and surfaces, and what the other named groups consist of.
-
-    Raises:
-        MeshError: If the model has no cells or no named groups, if a cell is in no body or an
-            entity in two groups, if cells are of a kind that cannot be read, folded or listed
-            twice, or if a plane mesh does not lie in z = 0.
+    the model: DOLFINx fails on both. ``source``: name of the model in messages. MeshError without
+    cells or named groups, if a cell is in no body or an entity in two groups, if cells are of a
+    kind that cannot be read, folded or listed twice, or a plane mesh is not in z = 0.
     """
     dim = _cell_dimension(gmsh, source)
     groups = gmsh.model.getPhysicalGroups()
@@ -496,15 +479,8 @@ _OF_RANKS = ("OMPI_", "PMIX_", "PRTE_", "PMI_", "HYDRA_")
 def ask(task: str, source: Path, last: str, seconds: float, memory: int) -> bytes:
     """The answer of `tribox.geometry.meshes.foreign` in a process of its own.
 
-    Args:
-        task: "read" or "draw".
-        source: The file it is about.
-        last: The task's further argument.
-        seconds: Processor time that is enough for it.
-        memory: Bytes that are enough for it.
-
-    Raises:
-        MeshError: gmsh cannot use the file, broke down or took too long; the message names it.
+    ``task``: "read" or "draw" a ``source``, with a ``last`` argument; ``seconds``, ``memory``: that
+    are enough, bytes. MeshError if gmsh cannot use the file, broke down or took too long.
     """
     command = [sys.executable, "-P", "-m", MODULE, task, os.fspath(source), last]
     limit = int(seconds) + 1
@@ -540,10 +516,7 @@ WAITING = 10
 
 def _limit(pid: int, seconds: int, memory: int) -> None:
     """Let a process use so much processor time (s) and memory (bytes), or what a shell allows."""
-    wanted = {
-        resource.RLIMIT_CPU: (seconds, seconds + 1),
-        resource.RLIMIT_AS: (memory, memory),
-    }
+    wanted = {resource.RLIMIT_CPU: (seconds, seconds + 1), resource.RLIMIT_AS: (memory, memory)}
     with contextlib.suppress(ProcessLookupError):  # it may have ended already
         for kind, (soft, hard) in wanted.items():
             most = resource.prlimit(pid, kind)[1]

@@ -13,15 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from tribox.geometry.compat import (
-    CellPartitioner,
-    Tagged,
-    cell_nodes,
-    cell_partitioner,
-    distributed_mesh,
-    entity_nodes,
-    integration_facets,
-)
+from tribox.geometry import compat
 from tribox.geometry.generators.blocks import Blocks
 from tribox.geometry.generators.two_blocks import TwoBlocks
 from tribox.geometry.meshes.drawing import AS_DRAWN, DRAWINGS, Meshing, mesh_drawing
@@ -69,27 +61,15 @@ class NamedMesh:
     notes: tuple[str, ...] = ()
 
     def body_tag(self, name: str) -> int:
-        """The tag of a body in ``cell_tags``.
-
-        Raises:
-            MeshError: If there is no such body; the nearest name is offered.
-        """
+        """The tag of a body in ``cell_tags``; MeshError offers the nearest name."""
         return _look_up("body", name, self.bodies)
 
     def surface_tag(self, name: str) -> int:
-        """The tag of a surface in ``facet_tags``.
-
-        Raises:
-            MeshError: If there is no such surface; the nearest name is offered.
-        """
+        """The tag of a surface in ``facet_tags``; MeshError offers the nearest name."""
         return _look_up("surface", name, self.surfaces)
 
     def cells(self, name: str) -> npt.NDArray[np.int32]:
-        """Local indices (c,) of a body's cells on this process, ghosts included.
-
-        Raises:
-            MeshError: If there is no such body.
-        """
+        """Local indices (c,) of a body's cells here, with ghosts; MeshError if there is none."""
         return np.asarray(self.cell_tags.find(self.body_tag(name)), dtype=np.int32)
 
     @property
@@ -98,38 +78,21 @@ class NamedMesh:
         return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global)
 
     def facets(self, name: str) -> npt.NDArray[np.int32]:
-        """Local indices (f,) of a surface's facets on this process, ghosts included.
-
-        Raises:
-            MeshError: If there is no such surface.
-        """
+        """Local indices (f,) of a surface's facets here, with ghosts; MeshError if it is none."""
         return np.asarray(self.facet_tags.find(self.surface_tag(name)), dtype=np.int32)
 
     def nodes(self, name: str) -> npt.NDArray[np.int32]:
-        """Local points (n,) of the topology of a group of points or edges, ghosts included.
-
-        Raises:
-            MeshError: If there is no such group.
-        """
+        """Local points (n,) of a group's topology here, with ghosts; MeshError if there is none."""
         if name not in self.groups:
             _look_up("group", name, dict.fromkeys(self.groups, 0))
         return self.groups[name].vertices
 
     def heed_place(self, name: str) -> None:
-        """See that there is a surface, or a group of points or edges, of this name.
-
-        Raises:
-            MeshError: If there is none; the nearest name is offered.
-        """
+        """See that there is such a surface or group; MeshError offers the nearest name."""
         _look_up("surface", name, {**self.surfaces, **dict.fromkeys(self.groups, 0)})
 
     def bodies_of(self, surface: str) -> list[str]:
-        """The bodies whose boundary a surface, or group of points or edges, is part of; collective.
-
-        Raises:
-            MeshError: On all processes, if there is no such surface, or facets of it are inside the
-                mesh.
-        """
+        """Bodies that a surface or group bounds; MeshError if it is none, or inside; collective."""
         if surface in self.groups:
             corners = self.mesh.topology.connectivity(self.mesh.topology.dim, 0)
             table = corners.array.reshape(corners.num_nodes, -1)
@@ -137,7 +100,7 @@ class NamedMesh:
             return self._bodies_with(near.astype(np.int32))
         facets = self.facets(surface)
         owned = self.mesh.topology.index_map(self.mesh.topology.dim - 1).size_local
-        cells = integration_facets(self.mesh, facets)[::2]
+        cells = compat.integration_facets(self.mesh, facets)[::2]
         local = np.array([np.count_nonzero(facets < owned), len(cells)])
         count, outside = self.mesh.comm.allreduce(local, op=MPI.SUM)
         if outside < count:
@@ -155,11 +118,7 @@ class NamedMesh:
         return [name for name, tag in self.bodies.items() if tag in found]
 
     def body_of(self, surface: str) -> str:
-        """The one body that a surface, or group of points or edges, lies on; collective.
-
-        Raises:
-            MeshError: On all processes, if there is no such surface, or it is not on one body.
-        """
+        """The one body that a surface or group lies on; MeshError if it is not one; collective."""
         names = self.bodies_of(surface)
         if len(names) != 1:
             raise MeshError(
@@ -169,14 +128,9 @@ class NamedMesh:
 
 
 def generate(shape: Shape, comm: MPI.Comm, contacts: Contacts = ()) -> NamedMesh:
-    """Mesh a built-in geometry on one process and distribute it; collective.
+    """Mesh a built-in geometry on one process and distribute it with its names; collective.
 
-    Args:
-        contacts: Pairs whose slave facets are shared out evenly, like the cells; without any (or
-            without METIS) only the cells are. A master may be no surface of the mesh, but a tool.
-
-    Returns:
-        The mesh, with the names that the shape's ``build`` gives.
+    ``contacts``: pairs whose slave facets are shared out like cells; a master may be a tool.
     """
     return _load(lambda: _generated(shape), type(shape).__name__, comm, contacts)
 
@@ -232,7 +186,7 @@ def _load(
     dim, parts = arrays.dim, (arrays.bodies, arrays.surfaces)
     cells, facets = (_tagged(some) if some else None for some in parts)
     assert cells is not None, "a mesh has a body"
-    mesh, cell_tags, facet_tags = distributed_mesh(
+    mesh, cell_tags, facet_tags = compat.distributed_mesh(
         *(comm, (arrays.cell, arrays.order), arrays.position[:, :dim], cells, facets),
         _partitioner(arrays, comm, contacts),
     )
@@ -248,7 +202,7 @@ def _load(
     return named
 
 
-def _tagged(parts: Mapping[str, Part]) -> Tagged:
+def _tagged(parts: Mapping[str, Part]) -> compat.Tagged:
     """All elements of some parts, with their tags."""
     tags = [np.full(len(part.nodes), part.tag, dtype=np.int32) for part in parts.values()]
     return np.concatenate([part.nodes for part in parts.values()]), np.concatenate(tags)
@@ -305,7 +259,9 @@ def _read(path: Path, most_cells: int) -> MeshArrays:
         raise MeshError(f"{path}: gmsh broke down on it: {error}") from None
 
 
-def _partitioner(arrays: MeshArrays, comm: MPI.Comm, contacts: Contacts) -> CellPartitioner | None:
+def _partitioner(
+    arrays: MeshArrays, comm: MPI.Comm, contacts: Contacts
+) -> compat.CellPartitioner | None:
     """Shares out cells and slave facets; None where DOLFINx's own is used; collective."""
     known = [pair for pair in contacts if pair[0] in arrays.surfaces]
     if comm.size == 1 or not known or not comm.bcast(metis_is_available(), root=0):
@@ -316,7 +272,7 @@ def _partitioner(arrays: MeshArrays, comm: MPI.Comm, contacts: Contacts) -> Cell
         cells = vertices.reshape(-1, CORNERS[arrays.cell])
         return share_out(cells, arrays.position[:, : arrays.dim], pairs, parts)
 
-    return cell_partitioner(parts_of)
+    return compat.cell_partitioner(parts_of)
 
 
 def _facets(arrays: MeshArrays, surface: str) -> npt.NDArray[np.int64]:
@@ -382,10 +338,7 @@ class Group:
     vertices: Ints  # (n,) local points of the group, ghosts included
 
     def shares(self, space: dolfinx.fem.FunctionSpace) -> Floats:
-        """Shares (n,) of the owned nodes in a load spread evenly over the group; collective.
-
-        Over edges it is spread by their length, over points equally.
-        """
+        """Shares (n,) of owned nodes in a load spread by length, or over points; collective."""
         index = space.dofmap.index_map
         vector = dolfinx.la.vector(index, 1)
         if self.dim == 0:
@@ -418,7 +371,7 @@ def found_group(mesh: dolfinx.mesh.Mesh, corners: npt.NDArray[np.int64]) -> Grou
     topology.create_connectivity(topology.dim, 0)
     links = topology.connectivity(topology.dim, 0)
     corner_of = links.array.reshape(links.num_nodes, -1)
-    nodes = original[cell_nodes(mesh)[:, : corner_of.shape[1]]]
+    nodes = original[compat.cell_nodes(mesh)[:, : corner_of.shape[1]]]
     count = topology.index_map(0).size_local + topology.index_map(0).num_ghosts
     node_of = np.full(count, -1, dtype=np.int64)  # of the file, of each local point
     node_of[corner_of] = nodes
@@ -446,7 +399,7 @@ def _edge_weights(space: dolfinx.fem.FunctionSpace, edges: Ints) -> tuple[Ints, 
     topology.create_connectivity(topology.dim, 1)
     cells, inside = topology.connectivity(1, topology.dim), topology.connectivity(topology.dim, 1)
     layout, quadratic = space.dofmap.dof_layout, space.element.basix_element.degree == 2
-    ends = mesh.geometry.x[entity_nodes(mesh, 1, edges)]
+    ends = mesh.geometry.x[compat.entity_nodes(mesh, 1, edges)]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) if len(edges) else np.empty(0)
     # Integrals of shape functions: of second order as in Simpson's rule, with the middle last.
     share = np.array([1.0, 1.0, 4.0]) / 6.0 if quadratic else np.array([0.5, 0.5])

@@ -97,11 +97,7 @@ class MeshArrays:
         )
 
     def scaled(self, factor: float) -> MeshArrays:
-        """With all coordinates multiplied by a factor.
-
-        Raises:
-            MeshError: they get out of the range of numbers.
-        """
+        """With coordinates times a factor; MeshError if they leave the range of numbers."""
         if factor == 1.0:
             return self
         position = factor * self.position
@@ -145,11 +141,7 @@ class MeshArrays:
 
 
 def unpacked(data: bytes) -> MeshArrays:
-    """The mesh behind `MeshArrays.packed`, with every number checked: its sender may be broken.
-
-    Raises:
-        MeshError: These are not the arrays of a mesh.
-    """
+    """The mesh behind `MeshArrays.packed`, checked: MeshError if its sender was broken."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             header = json.loads(arrays["header"].tobytes())

@@ -36,20 +36,9 @@ LARGE = 0.1  # share of all cells from which on a body's are balanced for themse
 
 
 def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: int) -> Ints:
-    """The part of each cell.
+    """The part (c,) of each cell (c, v), of vertices (n, i); PartitionError of METIS.
 
-    Args:
-        cells: (c, v) vertices, rows of ``position``.
-        position: (n, i) of all vertices.
-        contacts: facets of the pairs, each a face of one cell; of a master that is no part of the
-            mesh there are none.
-        parts: how many.
-
-    Returns:
-        (c,) numbers of the parts.
-
-    Raises:
-        PartitionError: METIS is missing or failed.
+    ``contacts``: facets of pairs, each a face of one cell; ``parts``: how many.
     """
     if parts >= len(cells):
         return np.arange(len(cells), dtype=np.int32)
@@ -81,10 +70,7 @@ def share_out(cells: Longs, position: Floats, contacts: Sequence[Pair], parts: i
 
 
 def _cells_of_bodies(graph: scipy.sparse.csr_matrix) -> list[Ints]:
-    """Ones for the cells of each large body, and for those of all others together.
-
-    Bodies are what neighbours (c, c) connect.
-    """
+    """Ones for the cells of each large body, joined by (c, c), and of all others together."""
     _, body = scipy.sparse.csgraph.connected_components(graph, directed=False)
     large = np.bincount(body) >= LARGE * len(body)
     number = np.where(large, np.cumsum(large), 0)[body]
@@ -137,19 +123,10 @@ def metis_is_available() -> bool:
 
 
 def partition(graph: scipy.sparse.csr_matrix, weights: Ints, parts: int, slack: float) -> Ints:
-    """Divide a graph into parts of equal weights, with light edges between them.
+    """Divide a graph (n, n) into parts (n,) of equal weights, with light edges between them.
 
-    Args:
-        graph: (n, n), symmetric, without a diagonal; integer weights of the edges.
-        weights: (n, k) of the vertices; each of the k columns is balanced for itself.
-        parts: how many.
-        slack: by which a part's weight may exceed the mean, relative.
-
-    Returns:
-        (n,) the part of each vertex; the same for the same arguments.
-
-    Raises:
-        PartitionError: METIS is not installed, or reports an error.
+    ``graph``: symmetric, no diagonal, whole weights; ``weights``: (n, k), each column balanced for
+    itself, within ``slack`` of the mean. The same for the same arguments; PartitionError of METIS.
     """
     library = _library()
     if library is None:

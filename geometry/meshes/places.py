@@ -31,11 +31,9 @@ class CellPlaces:
 
 
 def shape_functions(cell: str, degree: int, order: int, xi: Floats) -> Floats:
-    """Lagrange shape functions and their derivatives (z, p, a) at reference coordinates (p, α).
+    """Lagrange shape functions and derivatives (z, p, a) at ξ (p, α), up to an order.
 
-    Args:
-        order: highest derivative; row z is the function, then its derivatives in basix's order.
-        xi: (p, α).
+    Row z is the function, then its derivatives in basix's order.
     """
     at = xi if len(xi) else centre(cell)  # basix wants one point at least
     table: Floats = _lagrange(cell, degree).tabulate(order, at)[..., 0]
@@ -61,13 +59,9 @@ def centre(cell: str) -> Floats:
 
 
 def places_in(mesh: dolfinx.mesh.Mesh, cells: Ints, points: Floats) -> CellPlaces:
-    """The cells among ``cells`` that each point lies in, or on the boundary of.
+    """The cells, of local ones (c,), that each point (p, i), m, lies in or on, on any ranks.
 
-    What is found in a cell does not depend on the ranks: every rank has the same corners.
-
-    Args:
-        cells: (c,) local.
-        points: (p, i), m.
+    What is found does not depend on the ranks: every rank has the same corners.
     """
     X = nodes_of(mesh, cells)
     low, high = _boxes(X, cell_order(mesh))

@@ -39,11 +39,7 @@ class KernelError(RuntimeError):
 
 
 def compiled(source: Path) -> ctypes.CDLL:
-    """The compiled library of a C source, made if it is not at hand.
-
-    Raises:
-        KernelError: it can be neither found nor made.
-    """
+    """The compiled library of a C source; KernelError if it is neither there nor can be made."""
     key = hashlib.sha256(source.read_bytes())
     for header in sorted(source.parent.glob("*.h")):
         key.update(header.read_bytes())
@@ -152,11 +148,7 @@ SOURCES = ("closest_points.c", "polyline.c")
 
 @functools.cache
 def library(name: str) -> ctypes.CDLL:
-    """The compiled library of the source ``name``.
-
-    Raises:
-        KernelError: it can be neither found nor made.
-    """
+    """The compiled library of the source ``name``; KernelError if it cannot be made."""
     return compiled(Path(__file__).with_name(name))
 
 
@@ -174,13 +166,7 @@ def start_of(array: Any) -> ctypes.c_void_p:
 
 
 def require_size(theirs: int, ours: type[ctypes.Structure], source: str) -> None:
-    """See that a structure takes as many bytes as that of a source.
-
-    Laid out otherwise, it would be read with its fields shifted: numbers, and no error.
-
-    Raises:
-        RuntimeError: it does not.
-    """
+    """See that a structure is as large as its source's; RuntimeError if not: fields would shift."""
     if theirs != ctypes.sizeof(ours):
         raise RuntimeError(
             f"{source}: its structure {ours.__name__.strip('_')} takes {theirs} bytes, the one of "

@@ -18,11 +18,7 @@ SMOOTH = np.radians(30.0)  # angle between facets up to which a body's surface g
 
 
 def displacement_facet(space: dolfinx.fem.FunctionSpace) -> FacetShape:
-    """Shape of the facets of a displacement space.
-
-    Raises:
-        ValueError: neither the first nor the second degree, or a cell without such facets.
-    """
+    """Shape of the facets of a displacement; ValueError if there are none of its degree or cell."""
     degree = space.element.basix_element.degree
     if degree > 2:
         raise ValueError(f"contact takes displacements of degree 1 or 2, not {degree}")
@@ -68,11 +64,7 @@ def owned_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[
 
 
 def require_facets(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.int32], side: str) -> None:
-    """Refuse a surface without facets; collective.
-
-    Raises:
-        ValueError: on every rank, naming the ``side``.
-    """
+    """ValueError, on every rank, if the ``side`` of a pair has no facets; collective."""
     if mesh.comm.allreduce(len(owned_facets(mesh, facets)), op=MPI.SUM) == 0:
         raise ValueError(f"the {side} surface has no facet")
 
@@ -103,15 +95,9 @@ class OuterFacets:
     def smooth_ends(self, surface: Longs, others: Longs) -> Longs:
         """Ends (e, k) of a surface behind which its body's boundary goes on smoothly; collective.
 
-        At a corner of the body, an axis or a plane of symmetry it does not. Where ``others`` begin
-        there is no end.
-
-        Args:
-            surface: (f, a) global nodes of the surface's facets, this rank's or all; corners first.
-            others: (f, a) likewise, of what counts as more of it.
-
-        Returns:
-            Global nodes of the corners of each end, sorted; the same on every rank.
+        Global nodes of corners, the same on every rank. At a corner of the body, an axis or a plane
+        of symmetry there is none, nor where ``others`` (f, a) begin, facets as those of
+        ``surface``, corners first, this rank's or all.
         """
         mine, more = self._gathered(surface), self._gathered(others)
         # A side that one facet alone has is an end of the surface.

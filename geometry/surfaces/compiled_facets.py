@@ -101,17 +101,11 @@ class CompiledFacets:
         tie: float,
         kept: tuple[Ints, float] | None = None,
     ) -> tuple[Ints, Floats, Ints]:
-        """Facets (q,), ξ (q, α) and entities (q,) of the closest points.
+        """Facets (q,), ξ (q, α) and entities (q,) of the closest points to (q, i), m.
 
-        Of facets equally close the first is taken, one that holds the point inside before others.
-
-        Args:
-            points: (q, i), m.
-            controls: (f, a, i), m.
-            among: the facets to choose from.
-            tie: m, distances closer than this are equal.
-            kept: (q,) facets that points stay on whose stationary point is no more than so much,
-                in ξ, past an edge.
+        Of facets within ``tie``, m, the first, one that holds the point inside before others.
+        ``controls``: (f, a, i), m; ``among``: facets to choose from; ``kept``: (q,) facets that
+        points stay on whose stationary point is no more than so much, in ξ, past an edge.
         """
         count = len(points)
         facet, entity = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
@@ -125,12 +119,9 @@ class CompiledFacets:
         return facet, xi, entity
 
     def beyond(self, points: Floats, controls: Floats, start: Longs, facet: Ints) -> Floats:
-        """What the distances (p,) of facets exceed the least of their point's by at least, m.
+        """What distances (p,) of facets exceed the least of their point's (q, i) by at least, m.
 
-        Args:
-            points: (q, i), m.
-            controls: (f, a, i), m.
-            start: (q + 1,) where the facets of each point begin in ``facet`` (p,).
+        ``controls``: (f, a, i), m; ``start``: (q + 1,), where points begin in ``facet`` (p,).
         """
         out = np.zeros(len(facet))
         points, facet = packed(points), packed(facet, np.int32)
@@ -159,10 +150,7 @@ class CompiledFacets:
     ) -> tuple[Floats, Floats, Floats, Floats, Floats | None]:
         """Positions (q, i), tangents (q, α, i), unit normals (q, i), gaps (q,), curvatures.
 
-        Args:
-            points: (q, i), m; the gap is their distance along the normal.
-            controls: (f, a, i), m.
-            facet: (q,), and xi (q, α): the places.
+        At ``xi`` (q, α) of facets (q,) with controls (f, a, i), m; gaps of points (q, i), m.
         """
         count, directions = xi.shape
         normal, gap, bend = np.empty(points.shape), np.empty(count), None

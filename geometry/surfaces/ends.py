@@ -42,20 +42,12 @@ class SurfaceEnds:
         planes: Sequence[tuple[int, Bools]] = (),
         known: Floats | None = None,
     ) -> None:
-        """Measure the ends.
+        """Measure the ends; ValueError if no part of the surface would count in full.
 
-        Args:
-            shape: of the facets, of the first degree.
-            facets: (f, a) their nodes; corners come first.
-            nodes: (n, i), m, undeformed.
-            is_open: (n,) nodes at open ends.
-            fade_length: m, see above.
-            planes: of symmetry, each with the nodes (n,) on it.
-            known: (f, v), m, distances of the corners from the ends of a whole surface that is not
-                at hand.
-
-        Raises:
-            ValueError: no part of the surface would count in full.
+        ``shape``: of facets (f, a) of the first degree, corners first; ``nodes``: (n, i), m,
+        undeformed; ``is_open``: (n,) nodes at open ends; ``planes`` of symmetry, each with the
+        nodes (n,) on it; ``known``: (f, v), m, distances of the corners from the ends of a whole
+        that is not at hand.
         """
         self._shape, self._corners, self._nodes = shape, facets[:, : shape.corners], nodes
         self.is_open, self.joined = is_open, np.zeros_like(is_open)
@@ -78,11 +70,9 @@ class SurfaceEnds:
             )
 
     def join(self, others: Floats, within: float) -> None:
-        """Let nothing fade at open ends, in the plane, that meet those of another surface.
+        """Let nothing fade at open ends, in the plane, ``within`` m of another surface's.
 
-        Args:
-            others: (m, i), m, undeformed nodes of the other surface.
-            within: m, distance up to which ends meet.
+        ``others``: (m, i), m, its undeformed nodes.
         """
         if self._shape.directions == 2:
             return
@@ -152,17 +142,11 @@ class EndDistance:
         length: float,
         planes: Sequence[tuple[int, Bools]] = (),
     ) -> EndDistance:
-        """Measure them.
+        """Measure them; ValueError if no part of the surface would count in full.
 
-        Args:
-            facets: (f, a) their nodes; corners come first.
-            nodes: (n, i), m, undeformed.
-            is_open: (n,) whether a corner lies at an open end.
-            length: m, way over which a contact fades.
-            planes: of symmetry, each with the nodes (n,) on it, where no side is open.
-
-        Raises:
-            ValueError: no part of the surface would count in full.
+        ``facets``: (f, a), corners first; ``nodes``: (n, i), m, undeformed; ``is_open``: (n,),
+        corners at open ends; ``length``: m, of fading; ``planes`` of symmetry, with the nodes (n,)
+        on each.
         """
         corners = facets[:, : shape.corners]
         distance: Floats

@@ -43,14 +43,10 @@ class FacetSearch:
         number: Longs | None = None,
         slack: float | None = None,
     ) -> None:
-        """Store a typical size.
+        """Store a typical size of facets (f, a, i), m, undeformed; ``code``: what knows them.
 
-        Args:
-            shape: of all facets.
-            facets: (f, a, i), m, reference: their nodes.
-            code: what knows their closest points, if there is one already.
-            number: (f,) by which the first of equally close facets is; None: their order.
-            slack: m, that of a surface which these are a part of.
+        ``number``: (f,) by which equals are ordered, None: theirs; ``slack``: m, of the whole
+        surface.
         """
         self.shape, self._code = shape, code or CompiledFacets(shape, len(facets))
         self._number = np.arange(len(facets)) if number is None else number
@@ -97,12 +93,8 @@ class FacetSearch:
     def table(self, points: Floats, facets: Floats) -> tuple[Ints, float]:
         """Candidates (q, k) of a new search, and how far, m, points and nodes together may move.
 
-        Rows with fewer facets repeat their first. Those of points that are far away in space hold
-        −1: they have the facet with the nearest centre.
-
-        Args:
-            points: (q, i), m, current.
-            facets: (f, a, i), m, current: nodes of all facets.
+        Of points (q, i) and nodes (f, a, i), m, current; rows repeat their first, or hold −1 where
+        the facet of the nearest centre will do.
         """
         far = self._far  # of the search that `candidates` goes on from
         point, facet, _ = self._search(points, facets)
@@ -231,20 +223,13 @@ _ITERATIONS = 12  # of Newton's method along a curved facet; three or four are u
 
 
 class RaySearch:
-    """Projection along given normals.
+    """Projection along given normals; ``across``: (f, e) facets beyond ends, −1 at the last.
 
-    Attributes:
-        shape: of the facets; across: (f, e) the facet beyond each end, −1 at the end of all.
-        has_kinks: whether undeformed facets meet at an angle.
+    ``has_kinks``: whether undeformed facets meet at an angle.
     """
 
     def __init__(self, shape: FacetShape, facets: Ints, controls: Floats) -> None:
-        """Find the neighbours and the kinks.
-
-        Args:
-            facets: (f, a) their nodes; the first two are their ends.
-            controls: (f, m, i), m, undeformed.
-        """
+        """Find neighbours and kinks of facets (f, a), ends first, with controls (f, m, i), m."""
         self.shape = shape
         # Facet (f, e) beyond each end of each segment (f, e), −1 at the ends of the surface.
         ends = facets[:, :2]
@@ -263,17 +248,10 @@ class RaySearch:
     def hits(
         self, points: Floats, normals: Floats, controls: Floats, facet: Ints, xi: Floats
     ) -> tuple[Ints, Floats, Bools]:
-        """Where the rays through the points meet the surface, from a place nearby.
+        """Facets (q,), ξ (q, 1), where rays from points (q, i) meet the surface, and whether.
 
-        Args:
-            points: (q, i), m, current.
-            normals: (q, i), of the points.
-            controls: (f, m, i), m, current.
-            facet: (q,) where to begin, for example the closest points.
-            xi: (q, 1), likewise.
-
-        Returns:
-            Facets (q,), ξ (q, 1), and whether the ray meets the surface (q,).
+        Along ``normals`` (q, i) with ``controls`` (f, m, i), m, all current, beginning at ``facet``
+        (q,) and ``xi`` (q, 1), such as the closest points.
         """
         facet, xi = facet.copy(), xi.copy()
         moving: Longs = np.arange(len(points))

@@ -156,15 +156,7 @@ def _power(x: Floats, exponent: int, order: int) -> Floats:
 
 @lru_cache
 def facet_shape(cell: str, degree: int) -> FacetShape:
-    """The Lagrange facet of a degree on a cell.
-
-    Args:
-        cell: "interval", "triangle" or "quadrilateral".
-        degree: 1 or 2, or 3 on intervals and quadrilaterals.
-
-    Raises:
-        ValueError: another cell or degree.
-    """
+    """The Lagrange facet of degree 1, 2, or 3 on a cell; ValueError if there is none."""
     if cell not in SIDES or (cell, degree) not in _LEBESGUE:
         raise ValueError(f"no facets of degree {degree} on a {cell}")
     element = basix.create_element(
@@ -262,13 +254,10 @@ def order_by_place(position: Floats) -> Longs:
 
 
 def chains(facets: Longs) -> Iterator[Longs]:
-    """Vertices of each connected piece of a surface in the plane, one after the other.
+    """Vertices of each connected piece of segments (f, 2), one after the other.
 
     Open pieces come first and begin at the end with the smaller number; a closed one begins at its
     smallest number, which is there again at its end.
-
-    Args:
-        facets: (f, 2) vertices of the segments.
     """
     beside: dict[int, list[int]] = {}
     for a, b in ((int(a), int(b)) for a, b in facets):
@@ -295,13 +284,10 @@ def _piece(start: int, beside: dict[int, list[int]], left: set[int]) -> list[int
 
 
 def tangent_angles(place: Floats) -> Floats:
-    """Angle (n,), rad, of the tangent at the nodes of a line against x, without jumps of 2π.
+    """Angle (n,), rad, of tangents at a line's nodes (n, i), m, against x, without jumps of 2π.
 
     That of the parabola through the node and its neighbours, at an end through the nearest three,
     over the length of the chords: off by the square of their length.
-
-    Args:
-        place: (n, i), m, of nodes one after the other.
     """
     steps = np.diff(place, axis=0)
     length = np.linalg.norm(steps, axis=1)
@@ -317,12 +303,9 @@ def tangent_angles(place: Floats) -> Floats:
 
 
 def line_curvatures(place: Floats) -> Floats:
-    """Curvature (n,), 1/m, > 0 to the left, at the nodes of a line; at its ends the neighbour's.
+    """Curvature (n,), 1/m, > 0 to the left, at a line's nodes (n, i), m; at ends the neighbour's.
 
     One over the radius of the circle through the node and its two neighbours.
-
-    Args:
-        place: (n, i), m, of nodes one after the other.
     """
     if len(place) < 3:
         return np.zeros(len(place))

@@ -67,14 +67,10 @@ class Images:
         return np.concatenate([nodes, self.signs * nodes[self.of] + self.shift])
 
     def give_back(self, values: Floats, first: int, sizes: bool = False) -> None:
-        """Take what acts on images to the nodes that they are of, in place.
+        """Take what acts on images to the nodes that they are of, in place, with its sign.
 
-        What that turns round comes from the plane, so that sums stay.
-
-        Args:
-            values: (m, i) of a pair's nodes, the master's from row ``first`` on.
-            first: row.
-            sizes: whether they have no signs: those of images are added as they are.
+        ``values``: (m, i) of a pair's nodes, the master's from row ``first`` on; ``sizes`` have
+        none.
         """
         beyond = values[len(values) - len(self.of) :]
         signs = np.ones_like(beyond) if sizes else self.signs
@@ -96,16 +92,9 @@ def images_beyond(
     """Images of the facets that touch planes of symmetry: of one plane after the other.
 
     So where two planes meet there are images of images. There are none where a surface and its
-    image would meet at a sharp angle.
-
-    Args:
-        shape: of the facets: straight segments or bilinear quadrilaterals.
-        facets: (f, a), ordered for outward normals.
-        nodes: (n, i), m, reference.
-        held: (n, i) whether a node stays where it is along an axis.
-        smoothing_angle: rad, from which on an angle is sharp.
-        is_open: (f, s) sides at which the surface ends; None: those of one facet alone.
-        extent: m, largest along an axis of the surface that these are facets of; None: theirs.
+    image would meet at an angle from ``smoothing_angle``, rad, on. ``shape``: straight segments or
+    bilinear; ``facets``: (f, a), normals outward; ``nodes``: (n, i), m; ``held``: (n, i) along
+    axes; ``is_open``: (f, s), None: those of one facet; ``extent``: m, of the whole surface.
     """
     planes = planes_of_symmetry(shape, facets, nodes, held, smoothing_angle, is_open, extent)
     of: Longs = np.arange(len(nodes))
@@ -131,11 +120,7 @@ def images_beyond(
 
 
 def _reflected(facets: Ints, on: Bools) -> tuple[Longs, Longs, Ints]:
-    """Nodes (s,) of facets that touch a plane, nodes in it beside each, and the facets' images.
-
-    Args:
-        facets: (f, a); on: (n,) whether a node is in the plane.
-    """
+    """Nodes (s,) on a plane (``on``, (n,)), those next to it, and images of its facets (f, a)."""
     touching = facets[on[facets].any(axis=1)]
     sources = np.unique(touching[~on[touching]]).astype(np.int64)
     twin = np.arange(len(on), dtype=np.int32)

@@ -180,9 +180,7 @@ def whole_master(
 class MasterSource:
     """This rank's own facets of a master, and which of them, and of others, are within reach.
 
-    Attributes:
-        own: the facets of this rank's cells; ends: smoothing angle and length of fading.
-        extent: m, the largest of the whole surface along an axis.
+    ``ends``: smoothing angle and length of fading; ``extent``: m, the largest of all along an axis.
     """
 
     def __init__(
@@ -196,14 +194,8 @@ class MasterSource:
     ) -> None:
         """Look at the surface as a whole, on the rank that has read the mesh; collective.
 
-        Args:
-            own: what :func:`own_facets` gives.
-            ends: smoothing angle and length over which points fade, see ``FacetSurface``.
-            slave_length: m, mean length of the slave's facets.
-            held: nodes that stay where they are along axes.
-
-        Raises:
-            ValueError: on every rank, what ``FacetSurface`` refuses.
+        ``own``: of :func:`own_facets`; ``ends``: smoothing angle and fading, see ``FacetSurface``,
+        whose ValueError comes on every rank; ``slave_length``: m, mean; ``held``: nodes along axes.
         """
         self.comm, self._space, self._shape, self.ends = space.mesh.comm, space, shape, ends
         self.held = held
@@ -257,9 +249,7 @@ class MasterSource:
     def has_moved(self, x: PETSc.Vec, slave: Floats) -> bool:
         """Whether facets that are not known may have become the closest; collective.
 
-        Args:
-            x: global vector of the displacement space, m.
-            slave: (n, i), m, displacements of the slave's nodes.
+        By displacements x (global) and of the slave's nodes (n, i), m.
         """
         assert self._at is not None
         master = x.array_r.reshape(-1, slave.shape[1])[self._mine]
@@ -280,13 +270,9 @@ class MasterSource:
     def fetch(
         self, points: Floats, slave: Floats, known: Longs, x: PETSc.Vec | None = None
     ) -> FacetRows:
-        """Facets within reach that are not known, by number; collective.
+        """Facets within reach that are not ``known`` (f,), by number; collective.
 
-        Args:
-            points: (q, i), m, current: this rank's slave points.
-            slave: (n, i), m, displacements of their nodes.
-            known: (f,) numbers.
-            x: global vector of the displacement space, m; None: undeformed.
+        Of slave points (q, i) and displacements (n, i), m; x: global, m, None: undeformed.
         """
         place, owned = self.own.position, np.zeros((len(self._mine), points.shape[1]))
         if x is not None:

@@ -128,12 +128,9 @@ class FacetSurface:
         is_open: Bools | None,
         planes: Sequence[tuple[int, Bools]],
     ) -> Bools:
-        """Find neighbours of facets of a shape on nodes (n, i), m, undeformed.
+        """Find neighbours of facets on nodes (n, i), m, undeformed; nodes at open ends.
 
-        Of a part of a surface it is known which sides (f, s) are open.
-
-        Returns:
-            Nodes (n,) at open ends, those on ``planes`` of symmetry left out.
+        Of a part it is known which sides (f, s) are; those on ``planes`` of symmetry are left out.
         """
         count = len(nodes)
         corners = self.facets[:, : shape.corners]

@@ -98,16 +98,9 @@ class RigidSurface(ABC):
     search: FacetSearch | Unsearched
 
     def __init__(self, facets: int, centre: Floats, size: float, extent: Floats) -> None:
-        """Place the control points.
+        """Place the control points of so many facets about ``centre`` (i,), m, near the surface.
 
-        Args:
-            facets: how many there are.
-            centre: (i,), m, undeformed: near the surface.
-            size: m, of the surface.
-            extent: (2, i), m, undeformed.
-
-        Raises:
-            ValueError: no size, or not finite coordinates.
+        ``size``: m, of it; ``extent``: (2, i), m; ValueError if these are none.
         """
         self._middle = np.array(centre, dtype=np.float64)
         self.dim, self.size, self.extent = len(self._middle), float(size), extent
@@ -145,9 +138,8 @@ class RigidSurface(ABC):
     def outline(self, box: Floats, count: int = 64) -> Outline:
         """The undeformed surface as lines or triangles.
 
-        Args:
-            box: (2, i), m: low and high corner, which infinite surfaces are drawn across.
-            count: about how many lines a round piece has.
+        ``box``: (2, i), m, which infinite ones are drawn across; ``count``: of lines a round piece
+        has.
         """
 
     def excess(self, facet: Ints, xi: Floats) -> Floats:
@@ -155,10 +147,7 @@ class RigidSurface(ABC):
         return np.full(len(xi), -np.inf)
 
     def cut_off(self, facet: Ints, xi: Floats) -> Bools:
-        """Whether places (q,) lie at an open end of a round part, where contact would go on.
-
-        Where a straight or flat part ends there is an edge.
-        """
+        """Whether places (q,) are at an open round end, where contact would go on; not an edge."""
         return np.zeros(len(xi), dtype=bool)
 
     # -- carried along --------------------------------------------------------------------------
@@ -177,10 +166,7 @@ class RigidSurface(ABC):
     ) -> Projection:
         """See :meth:`tribox.geometry.surfaces.projection.FacetSurface.project`.
 
-        ``nodes``: the control points.
-
-        Raises:
-            ValueError: the control points are not moved as a rigid body is.
+        ``nodes``: control points; ValueError if they are not moved as a rigid body is.
         """
         turn, shift = self._motion(nodes)
         back = None if rays is None else replace(rays, normal=rays.normal @ turn)
@@ -302,11 +288,7 @@ def normals(tangents: Floats) -> Floats:
 
 
 def unit(vector: Floats, what: str) -> Floats:
-    """A direction (i,) from a vector of any length.
-
-    Raises:
-        ValueError: it is zero or not finite; ``what`` names it.
-    """
+    """A direction (i,) from a vector; ValueError, naming ``what``, if it is zero or not finite."""
     given = np.array(vector, dtype=np.float64)
     size = np.linalg.norm(given)
     if not (np.isfinite(size) and size > 0.0):
@@ -345,11 +327,7 @@ class RigidMotion:
     _spin: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Find W.
-
-        Raises:
-            ValueError: no length, or an axis that is missing in space or given in the plane.
-        """
+        """Find W; ValueError for no length, or an axis missing in space or given in the plane."""
         if not (np.isfinite(self.length) and self.length > 0.0):
             raise ValueError(f"the length of a rotation must be positive, not {self.length:g}")
         if (self.axis is None) != (self.dim == 2):
@@ -381,12 +359,7 @@ class RigidMotion:
         return np.eye(self.dim) + np.sin(theta) * w + (1.0 - np.cos(theta)) * (w @ w)
 
     def control_points(self, displacement: Floats, theta: float) -> Floats:
-        """y_a (a, i), m, current.
-
-        Args:
-            displacement: (i,), m: c.
-            theta: rad, counter-clockwise, or right-handed about the axis.
-        """
+        """y_a (a, i), m, current, for c (i,), m, and θ, rad, about the axis or anticlockwise."""
         return self.centre + displacement + self._arms() @ self.rotation(theta).T
 
     def tangent(self, theta: float) -> Floats:

@@ -198,14 +198,10 @@ class CompiledPieces:
         return out[0], out[1], out[2]
 
     def closest(self, points: Floats, tie: float) -> tuple[Ints, Floats, Ints]:
-        """Pieces (q,) and ξ (q,) of the closest points, and whether ends hold them (q,).
+        """Pieces (q,) and ξ (q,) of the points closest to (q, i), m, and whether ends hold them.
 
-        Of pieces equally close the first is taken, one that holds the point inside before one that
-        holds it at its end: 0, or 1 and 2 at its first and second end.
-
-        Args:
-            points: (q, i), m.
-            tie: m, distances closer than this are equal.
+        Of those within ``tie``, m, the first that holds inside, 0, then at first or second end, 1,
+        2.
         """
         count, points = len(points), packed(points)
         piece, xi = np.zeros(count, dtype=np.int32), np.zeros(count)

@@ -37,9 +37,6 @@ class Polyline(RigidShape):
     """Straight pieces and arcs, see :class:`~tribox.geometry.surfaces.rigid_pieces.Pieces`.
 
     The material is on the right of the direction of travel.
-
-    Attributes:
-        pieces: in order.
     """
 
     def __init__(
@@ -213,17 +210,12 @@ REVERSED = np.radians(179.0)  # turn from which on the line goes back on itself
 
 
 def filleted(points: Floats, radius: float | Floats, closed: bool) -> Pieces:
-    """The pieces of a polyline.
+    """The pieces of a polyline through points (n, 2), m.
 
-    Args:
-        points: (n, 2), m.
-        radius: m, of all fillets, or of each inner point in turn, of a closed line of each point;
-            0: the corner is sharp.
-        closed: whether the last point is joined to the first.
-
-    Raises:
-        ValueError: points that are not enough, not finite or the same; a line that goes back on or
-            crosses itself; radii that are negative, of another number, or too large to fit.
+    ``radius``: m, of all fillets, or of each inner point in turn, of a ``closed`` line of each
+    point; 0: sharp. ValueError of points that are not enough, not finite or the same; of a line
+    that goes back on or crosses itself; of radii that are negative, of another number, or too large
+    to fit.
     """
     points = _checked(points, closed)
     after = np.roll(points, -1, axis=0) if closed else points[1:]
@@ -388,9 +380,7 @@ class LineEnds:
     def of_closest(self, piece: Ints, xi: Floats, on_line: Bools, reach: Floats) -> Shares | None:
         """Shares of closest points at ξ (q,) of pieces (q,); None: all are whole.
 
-        Args:
-            on_line: (q,) False past an open end.
-            reach: (q,), m, way up to an open end over which a point fades.
+        ``on_line``: (q,) False past an open end; ``reach``: (q,), m, up to it over which they fade.
         """
         at = np.nonzero(self._open[piece].any(axis=1) & on_line)[0]
         if not len(at):

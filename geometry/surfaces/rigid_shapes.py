@@ -20,15 +20,9 @@ class Plane(RigidShape):
     """Y(ξ) = P + ξ^α L e_α."""
 
     def __init__(self, point: Floats, normal: Floats, size: float = 1.0) -> None:
-        """Take the place.
+        """Take P (i,), m, near where it is touched, and the normal (i,) out of the tool.
 
-        Args:
-            point: (i,), m: P, on the plane, near where it is touched.
-            normal: (i,) out of the tool, of any length.
-            size: m: L, of the order of what touches it.
-
-        Raises:
-            ValueError: a normal without direction, or no size.
+        ``size``: m, L, of what touches it; ValueError if it, or the direction, is none.
         """
         self.point, self.normal = np.array(point, dtype=np.float64), unit(normal, "a normal")
         extent = np.tile(np.array([[-np.inf], [np.inf]]), (1, len(self.point)))
@@ -90,15 +84,9 @@ class Circle(RigidShape):
     """
 
     def __init__(self, centre: Floats, radius: float, hollow: bool = False) -> None:
-        """Take the place.
+        """Take centre C (2,) and radius R, m; ValueError if R is not positive.
 
-        Args:
-            centre: (2,), m: C.
-            radius: m: R.
-            hollow: whether the material is outside of the circle: a die, touched from inside.
-
-        Raises:
-            ValueError: a radius that is not positive.
+        ``hollow``: the material is outside of the circle: a die, touched from inside.
         """
         if not (np.isfinite(radius) and radius > 0.0):
             raise ValueError(f"the radius of a circle must be positive, not {radius:g}")
@@ -148,15 +136,9 @@ class Sphere(RigidShape):
     """
 
     def __init__(self, centre: Floats, radius: float, hollow: bool = False) -> None:
-        """Take the place.
+        """Take centre C (3,) and radius R, m; ValueError if R is not positive.
 
-        Args:
-            centre: (3,), m: C.
-            radius: m: R.
-            hollow: whether the material is outside of the sphere, which is touched from inside.
-
-        Raises:
-            ValueError: a radius that is not positive.
+        ``hollow``: the material is outside of the sphere, which is touched from inside.
         """
         if not (np.isfinite(radius) and radius > 0.0):
             raise ValueError(f"the radius of a sphere must be positive, not {radius:g}")
@@ -230,16 +212,9 @@ class Extruded(RigidShape):
     """Y(ξ, η) = O + s_1(ξ) e_1 + s_2(ξ) e_2 − η L e_3, with s a shape in the plane; without end."""
 
     def __init__(self, section: RigidShape, origin: Floats, first: Floats, axis: Floats) -> None:
-        """Take the place.
+        """Take a section in the plane, its origin O (3,), m, directions; ValueError if parallel.
 
-        Args:
-            section: the shape in the plane.
-            origin: (3,), m: O, where the section has its origin.
-            first: (3,) e_1, the section's first direction; its part along the axis is left out.
-            axis: (3,) e_3, of any length; e_2 = e_3 × e_1.
-
-        Raises:
-            ValueError: directions that are none, or parallel.
+        ``first``: (3,) e_1, less its part along the axis (3,) e_3; e_2 = e_3 × e_1.
         """
         self.section, self.origin = section, np.array(origin, dtype=np.float64)
         axis = unit(axis, "an axis")
@@ -309,16 +284,9 @@ class Cylinder(Extruded):
     """A round cylinder without end, solid or hollow."""
 
     def __init__(self, point: Floats, axis: Floats, radius: float, hollow: bool = False) -> None:
-        """Take the place.
+        """Take a point (3,), m, near where it is touched, on the axis (3,), and the radius, m.
 
-        Args:
-            point: (3,), m, on the axis, near where the cylinder is touched.
-            axis: (3,), of any length.
-            radius: m.
-            hollow: whether the material is outside of the cylinder, which is touched from inside.
-
-        Raises:
-            ValueError: a radius that is not positive, or an axis without direction.
+        ``hollow``: touched from inside; ValueError of a radius or axis that is none.
         """
         along = unit(axis, "an axis")
         circle = Circle(np.zeros(2), radius, hollow)

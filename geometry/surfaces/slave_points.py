@@ -53,11 +53,7 @@ class SlavePoints:
 def slave_points(
     space: dolfinx.fem.FunctionSpace, form: FacetShape, facets: NDArray[np.int32], degree: int
 ) -> SlavePoints:
-    """Collect the points of this rank; collective.
-
-    Raises:
-        ValueError: on every rank, if there is no facet.
-    """
+    """The points of this rank; collective; ValueError, on every rank, if there is no facet."""
     mesh = space.mesh
     require_facets(mesh, facets, "slave")
     own = np.sort(owned_facets(mesh, facets))
@@ -150,18 +146,13 @@ class PointNormals:
 class SlaveNormals:
     """The vertices around each point's facet, and the normals from their positions.
 
-    Attributes:
-        around: (q, s) vertices before A, A, B and after B, along the surface; at its ends A or B
-            again.
-        shape: (q, e) shape functions of A and B.
+    ``around``: (q, s), before A, A, B and after B, at ends A or B again; ``shape``: (q, e) of A, B.
     """
 
     def __init__(self, vertices: SlaveVertices, flipped: Bools) -> None:
         """Find the neighbours; collective.
 
-        Args:
-            flipped: (q,) whether a point's facet has to be run through from its second vertex to
-                its first for its normal, to the left, to point out of the body.
+        ``flipped``: (q,) whether a facet is run through backwards for its normal to point out.
         """
         rows = np.arange(len(flipped))
         first = flipped.astype(np.int64)
@@ -261,12 +252,8 @@ def slave_vertices(
 ) -> SlaveVertices:
     """Collect the vertices; collective.
 
-    Args:
-        form: shape of the facets; their corners come first.
-        nodes: (q, a) global nodes of each point's facet.
-        xi: (q, α) reference coordinates of the points on their facets.
-        weight: (q,) quadrature weights, of whole rings with axial symmetry.
-        size: (q,) m, length of each point's facet.
+    ``form``: of facets; of each point (q,) its facet's nodes (q, a), ξ (q, α), weights, whole
+    rings, and lengths, m.
     """
     comm = space.mesh.comm
     corners = nodes[:, : form.corners]

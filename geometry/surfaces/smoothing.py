@@ -73,19 +73,11 @@ def smooth_patches(
     rings: bool = False,
     images: Images | None = None,
 ) -> Patches:
-    """Smooth patches over facets.
+    """Smooth patches over facets (f, a), ordered for outward normals; ValueError of a shape.
 
-    Args:
-        shape: of the facets: straight segments or bilinear quadrilaterals.
-        facets: (f, a) node numbers, ordered for outward normals.
-        nodes: (n, i), m, reference.
-        smoothing_angle: rad, angle between the normals of neighbours from which their common
-            side is sharp.
-        rings: whether they are segments of rings, see :func:`towards_axis`.
-        images: what continues the surface; theirs are the last of the nodes.
-
-    Raises:
-        ValueError: facets of another shape.
+    Of straight segments or bilinear quadrilaterals between ``nodes`` (n, i), m; sides are sharp
+    from ``smoothing_angle``, rad, on. ``rings``: see :func:`towards_axis`; ``images``: what
+    continues the surface; theirs are the last of the nodes.
     """
     if shape.degree != 1 or shape.cell == "triangle":
         raise ValueError(
@@ -224,12 +216,7 @@ class SharedSides:
 
 
 def shared_sides(shape: FacetShape, facets: Ints, nodes: Floats) -> SharedSides:
-    """The sides that two facets of a surface share.
-
-    Args:
-        facets: (f, a) their nodes.
-        nodes: (n, i), m.
-    """
+    """The sides that two facets (f, a), between nodes (n, i), m, share."""
     sides = [side.nodes for side in shape.sides]
     normal = _side_normals(shape, nodes[facets])
     ends: Ints = np.concatenate([facets[:, list(side)] for side in sides])

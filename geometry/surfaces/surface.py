@@ -187,11 +187,9 @@ class ContactSurface:
         self._take(self._source.fetch(self.slave.position, still, self.master.number))
 
     def for_others(self, facets: Ints, master: Ints) -> ContactSurface:
-        """The same master for other points, of what of it this rank has within reach; collective.
+        """The same master for points of other local facets, with ghosts; collective.
 
-        Args:
-            facets: local facets, owned and ghosts, that the points lie on.
-            master: those of the master, if it has any.
+        ``master``: those of the master, if it has any.
         """
         if (source := self._source) is None:
             other = copy.copy(self)
@@ -221,14 +219,9 @@ class ContactSurface:
         self.parts += 1
 
     def follow(self, x: PETSc.Vec, values: Floats) -> bool:
-        """Fetch more of the master once other facets may be the closest; collective.
+        """Fetch more of the master, once facets may be closer; whether it was done; collective.
 
-        Args:
-            x: global vector of the displacement space, m.
-            values: (m, i), m, displacements of the pair's ``nodes`` in it.
-
-        Returns:
-            Whether it was done, so that there may be more nodes.
+        At x (global) and displacements (m, i), m, of the pair's ``nodes`` in it.
         """
         slave = values[: self.first_master]
         if self._source is None or not self.follows or not self._source.has_moved(x, slave):
@@ -298,11 +291,7 @@ class ContactSurface:
         return SlaveNormals(self.vertices, first != self.slave.nodes[:, 0])
 
     def gather(self, x: PETSc.Vec) -> Floats:
-        """Displacements (m, i), m, of the pair's ``nodes``; collective.
-
-        Args:
-            x: global vector of the displacement space, m.
-        """
+        """Displacements (m, i), m, of the pair's ``nodes``, from a global vector; collective."""
         values = self.at_nodes(x)
         return self.at_nodes(x) if self.follow(x, values) else values
 
@@ -316,11 +305,7 @@ class ContactSurface:
         return values if signs is None else signs * values
 
     def master_positions(self, values: Floats) -> Floats:
-        """Current positions (n, i), m, of the points that move the master, without images.
-
-        Args:
-            values: (m, i), m, displacements of the pair's ``nodes``.
-        """
+        """Positions (n, i), m, of what moves the master, no images, from displacements (m, i)."""
         master, moved = self.master, values[self.first_master :]
         if isinstance(master, RigidMaster):
             return master.motion.control_points(*master.motion.read(moved))
@@ -337,10 +322,8 @@ class ContactSurface:
     ) -> Projection:
         """Closest points on the master, on its :meth:`master_positions`, of the points (q, i), m.
 
-        Args:
-            frozen_facets: (q,) facets that the points do not leave for a neighbour at once.
-            rays: normals of the slave at the points, to project along; None: closest points.
-            fading: whether points leave the end of a master bit by bit.
+        ``frozen_facets``: (q,) that are not left at once; ``rays``: normals to project along, or
+        None; ``fading``: whether points leave the master's end bit by bit.
         """
         return self.target.project(
             points, nodes, frozen_facets, rays, self.slave.reach if fading else None
@@ -373,12 +356,8 @@ class ContactSurface:
 
         Those of facets are off by h/2R, and two surfaces would not face each other as they do. At
         kinks the facets' own are given. The slave's have the sign of the master's where they face
-        each other.
-
-        Args:
-            at: the points (q,) on the master.
-            nodes: (n, i), m, current, that move the master.
-            slave_tangents: (q, α, i), current, of the slave facets.
+        each other. ``at``: points (q,) on the master, moved by ``nodes`` (n, i), m;
+        ``slave_tangents``: (q, α, i).
         """
         vertices = self.vertices
         own, other = unit_normals(slave_tangents), unit_normals(at.tangents)
@@ -461,13 +440,10 @@ class NodalVector:
 
 
 class SurfaceExchange:
-    """Moves nodal values between the bodies and one contact pair.
+    """Moves nodal values between the bodies and one contact pair's ``nodes`` (m,), global.
 
-    The pair's nodes are those of the slave facets of this rank, then all master nodes.
-
-    Attributes:
-        nodes: (m,) global nodes; slave_rows: (q, a) rows of the slave points' nodes in them;
-            first_master: row of the first master node.
+    These are of the slave's facets of this rank, ``slave_rows`` (q, a), then, from
+    ``first_master``, all master nodes.
     """
 
     def __init__(self, surface: ContactSurface) -> None:
@@ -496,12 +472,7 @@ class SurfaceExchange:
     def add(self, values: Floats, vector: NodalVector, sizes: bool = False) -> None:
         """Add ``values`` (m, i) at the nodes to ``vector``, those of all ranks; collective.
 
-        Those of images are taken to the nodes that they are of, in ``values`` too.
-
-        Args:
-            values: forces, or anything of their signs.
-            vector: that they are added to.
-            sizes: whether they have no signs: those of images are added as they are.
+        Those of images are taken to the nodes that they are of, in place; ``sizes`` have no signs.
         """
         if self._images is not None:
             self._images.give_back(values, self.first_master, sizes)
@@ -521,14 +492,9 @@ class SurfaceExchange:
 def facet_turns(target: FacetSurface | RigidSurface, nodes: Floats) -> tuple[Floats, Floats, Longs]:
     """Lengths (f,), m, of a master's facets in the plane, and how they turn at their ends.
 
-    Args:
-        target: the master.
-        nodes: (n, i), m, current.
-
-    Returns:
-        Also the angles (f, 2), rad, by which the way along a facet turns to the left from what is
-        before it, and to what is behind it (at planes of symmetry its image), 0 at ends; and the
-        facets (f, 2) that are there.
+    By angles (f, 2), rad, to the left, from what is before a facet and to what is behind it (at
+    planes of symmetry its image), 0 at ends; and the facets (f, 2) that are there. ``nodes``: (n,
+    i), m.
     """
     near = target.neighbours.tocoo()
     facet, other = (index[near.row != near.col] for index in (near.row, near.col))

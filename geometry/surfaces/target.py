@@ -23,15 +23,10 @@ TOUCHING = 1e-12  # distance over |τ| below which x − ȳ has no direction
 def fade_at_ends(
     is_open: Bools, xi: Floats, length: Floats, reach: Floats
 ) -> tuple[Floats, Floats]:
-    """Shares (p,) of points beside an open end of their pieces in the plane, and ∂/∂ξ.
+    """Shares (p,) of points ξ (p,) beside an open end of pieces in the plane, and ∂/∂ξ.
 
-    A share falls evenly to 0 over the last way ``reach`` up to the end that is nearer.
-
-    Args:
-        is_open: (p, 2) which ends are open.
-        xi: (p,).
-        length: (p,), m, of the pieces.
-        reach: (p,), m.
+    A share falls evenly to 0 over the last way ``reach`` (p,), m, of pieces of length (p,), m, up
+    to the nearer end that ``is_open`` (p, 2).
     """
     # A reach longer than the piece would leave no point of it whole.
     per_length = length / np.minimum(reach, length)
@@ -87,11 +82,9 @@ class Projection:
         return Projection(*(taken(getattr(self, one.name)) for one in fields(self)))
 
     def clamp(self, at: Longs | Ints, points: Floats, outward: Floats) -> None:
-        """Give the points ``at`` (p,) that an edge or corner holds normal and gap along x − ȳ.
+        """Give points ``at`` (p,) that an edge or corner holds normal and gap along x − ȳ.
 
-        Args:
-            points: (p, i), m: x.
-            outward: (p, i), out of the master there, for the sign and where x − ȳ is nothing.
+        x (p, i), m; ``outward``: (p, i), for the sign and where x − ȳ is nothing.
         """
         apart = points - self.foot[at]
         distance = np.linalg.norm(apart, axis=1)

@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
+from tribox.app.case.friction import TABLES
 from tribox.app.case.schema import json_schema
+from tribox.app.case.table import meanings
+from tribox.app.case.tools import CylinderTool
 
 ROOT = Path(__file__).parents[3]
 
@@ -126,3 +129,9 @@ def test_the_page_of_the_case_file_tells_of_every_table_and_has_the_list(schema)
     told = set(re.findall(r"^## `\[+(\w+)", text, re.M))
     assert told == set(schema["properties"]) - {"title"}
     assert text.count("<!-- tables of the schema -->") == 1
+
+
+def test_what_keys_mean_stands_below_them_in_the_table_that_declares_them_last():
+    assert meanings(CylinderTool)["centre"] == "a point [x, y, z] of its axis"  # not RoundTool's
+    assert meanings(CylinderTool)["radius"] == "its radius"
+    assert meanings(TABLES["coulomb"])["mu"]  # of a declaration, which has no source
