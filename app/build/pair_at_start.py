@@ -415,8 +415,7 @@ class PairAtStart:
         if len(shape.points) > shape.corners:
             return
         normal, weight = self._outward(), surface.slave.weight * at.on_surface
-        turning = self._comm.allreduce(normal.T @ (weight[:, None] * normal))
-        sizes, ways = np.linalg.eigh(turning)
+        sizes, ways = np.linalg.eigh(self._comm.allreduce(normal.T @ (weight[:, None] * normal)))
         ways = ways[:, sizes > 1e-4 * sizes.sum()]  # not along the axis of a cylinder
         count = ways.shape[1]
         _, facets = outward_facets(surface.space, shape, surface.slave.mesh_facet)
@@ -432,10 +431,9 @@ class PairAtStart:
         own = slice(count + 1)
         if count < 2 or not np.linalg.cond(sums[own, own]) < 1e8:  # flat, or not above the master
             return
-        fit = np.linalg.solve(sums[own, own], sums[own, count + 1 :])
-        left = (np.diag(sums)[count + 1 :] - np.sum(fit * sums[own, count + 1 :], axis=0)) / sums[
-            0, 0
-        ]
+        known, squared = sums[own, count + 1 :], np.diag(sums)[count + 1 :]
+        fit = np.linalg.solve(sums[own, own], known)
+        left = (squared - np.sum(fit * known, axis=0)) / sums[0, 0]
         radius = np.trace(fit[1:, 1:-2]) / count
         master_off, own_off = sums[0, -2:] / sums[0, 0] / (12.0 * radius)
         off = own_off - master_off
