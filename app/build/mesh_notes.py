@@ -18,7 +18,7 @@ from tribox.app.case.geometry import GeneratedGeometry
 from tribox.app.case.stage import solver_of
 from tribox.app.case.time_tables import TimeTable
 from tribox.app.equilibrium.equilibrium import Equilibrium
-from tribox.app.equilibrium.supports import free_bodies, loose_directions, sprung_dofs
+from tribox.app.equilibrium.supports import connected, free_bodies, loose_directions, sprung_dofs
 from tribox.app.equilibrium.unknowns import Prescribed, box_of
 from tribox.forms.bodies.loads import Foundation
 from tribox.forms.bodies.materials import young_and_poisson
@@ -70,6 +70,8 @@ LINEAR = {
 LOCKING = 25.0  # K/G of a body that flows, from which quadratic elements are said to lock
 SLENDER = 8.0  # length over thickness from which on a body in the plane is one that may bend
 HELD = 0.25  # share of what is around it that is held from which on it does not
+BOX = 0.1  # share that a body's volume is off that of the box of its moments, to be one
+WELL_BENT = "at least four, no longer than a quarter of it, or "
 BENDING = 0.1  # share that the stiffness in bending is off by from which on it is told
 MANY = 0.5  # share of the cells that are allowed from which they are told
 LARGE = 1.0  # extent of a body, m, from which the unit of a mesh that was read is asked for
@@ -113,46 +115,83 @@ def locking_bodies(named: NamedMesh, solids: Sequence[Solid], degree: int) -> It
 
 
 class Slender(NamedTuple):
-    """A slender body in the plane; lengths in m."""
+    """A slender body; lengths in m."""
 
     thickness: float
     cell: float  # of the cells along its sides, root of the mean square
     layers: float  # cells over the thickness
+    across: float  # of the cells across the bending; infinite where nothing moves that way
 
 
 def bending_bodies(case: Case, named: NamedMesh, problem: Equilibrium) -> Iterator[str]:
-    """A line on each slender body in the plane that linear cells bend too hard or too easily.
-
-    Collective. In pure bending a bilinear cell shears by the curvature times its length h, and the
-    stretch across each of n layers over the thickness t is constant: the stiffness is off by
-    (1 - nu)/2 (h/t)^2 + (c - 1)/n^2, c = 2 (1 - nu)/3 with a reduced volumetric part and
-    (1 - nu)^2/(1 - 2 nu) without. That of triangles is fitted to cantilevers, whose stiffness it
-    gives to 4 % of itself (nu = 0.3 and 0.49, two and four layers).
-    """
-    mesh, solids = named.mesh, problem.solids
-    if problem.dim > 2 or problem.space.element.basix_element.degree > 1:
+    """A line on each slender body that linear cells bend too hard or too easily; collective."""
+    if problem.space.element.basix_element.degree > 1:
         return
+    slender = _in_the_plane if problem.dim == 2 else _in_space
+    cell = named.mesh.topology.cell_name()
+    for solids, shapes in slender(case, named, problem.solids):
+        own = solids[0].material
+        _, nu = young_and_poisson(own.shear_modulus, own.bulk_modulus)
+        off, shape = min(  # of a bar, the way that is bent better: it may be the one meant
+            ((_off_in_bending(shape, nu, cell, solids[0].reduced), shape) for shape in shapes),
+            key=lambda found: abs(found[0]),
+        )
+        if abs(off) > BENDING:
+            yield (
+                f"body {' with '.join(solid.name for solid in solids)}: where it bends it is some "
+                f"{100.0 * abs(off):.0f} % too "
+                f"{'stiff' if off > 0.0 else 'soft'}: its linear cells are {shape.cell:.2g} m long,"
+                f" {shape.layers:.2g} over a thickness of {shape.thickness:.2g} m; use "
+                f'{WELL_BENT if cell != "tetrahedron" else ""}formulation = "q2"'
+            )
+
+
+def _off_in_bending(shape: Slender, nu: float, cell: str, reduced: bool) -> float:
+    """Share that the stiffness in pure bending is too large by, or too small.
+
+    A bilinear cell shears by the curvature times its length h, and the stretch across each of n
+    layers over the thickness t is constant; in space a beam also bends the other way across, by e
+    of the curvature, where it shears by its width b. Of the energies per E/(1 - nu²)
+
+        C - 2 B e + A e²,  C = 1 + (c - 1)/n² + g (h/t)²,  A = 1 + (c - 1)/n² + g (b/t)²,
+        B = nu + (d - nu)/n²,  g = (1 - nu)/2,
+
+    c = 2 (1 - nu)/3 and d = c/2 with a reduced volumetric part, and without it (1 - nu)²/(1 - 2 nu)
+    and nu (1 - nu)/(1 - 2 nu), the least counts: cantilevers of two layers are as stiff to 8 % of
+    the true stiffness, and to 2 % of four. What triangles are off by is fitted to cantilevers (nu =
+    0.3 and 0.49, two and four layers), to 4 % of it, and of tetrahedra to a third where gmsh makes
+    them, to a half where they divide boxes.
+    """
+    long, wide, deep = (
+        (of / shape.thickness) ** 2
+        for of in (shape.cell, shape.across, shape.thickness / shape.layers)
+    )
+    if cell == "triangle":
+        return 1.4 * (1.0 - nu) * long + 1.2 * deep
+    if cell == "tetrahedron":
+        return 1.3 * long + 2.4 * deep
+    layer, cross = (1.0 - nu) ** 2 / (1.0 - 2.0 * nu), nu * (1.0 - nu) / (1.0 - 2.0 * nu)
+    if reduced:
+        layer, cross = 2.0 * (1.0 - nu) / 3.0, (1.0 - nu) / 3.0
+    even, shear = 1.0 + (layer - 1.0) * deep, 0.5 * (1.0 - nu)
+    if np.isinf(wide):
+        return float(even + shear * long - 1.0)
+    least = even + shear * long - (nu + (cross - nu) * deep) ** 2 / (even + shear * wide)
+    return float(least / (1.0 - nu**2) - 1.0)
+
+
+_Shapes = Iterator[tuple[list[Solid], list[Slender]]]
+
+
+def _in_the_plane(case: Case, named: NamedMesh, solids: Sequence[Solid]) -> _Shapes:
+    """Bodies in the plane that are free to bend, with their shapes; collective."""
     held = [b.surface for b in case.boundary if b.holds or b.foundation]
     held += [side for c in case.contact if c.tied for side in (c.slave, c.master)]
     alone = {names[0] for names in bonded_groups(named) if len(names) == 1}
     for solid in solids:
         shape = _slender(named, solid, sorted({*held} & {*named.surfaces}))
-        if shape is None or solid.name not in alone:
-            continue
-        _, nu = young_and_poisson(solid.material.shear_modulus, solid.material.bulk_modulus)
-        long, deep = (shape.cell / shape.thickness) ** 2, 1.0 / shape.layers**2
-        if mesh.topology.cell_name() == "triangle":
-            off = 1.4 * (1.0 - nu) * long + 1.2 * deep
-        else:
-            layer = 2.0 * (1.0 - nu) / 3.0 if solid.reduced else (1.0 - nu) ** 2 / (1.0 - 2.0 * nu)
-            off = 0.5 * (1.0 - nu) * long + (layer - 1.0) * deep
-        if abs(off) > BENDING:
-            yield (
-                f"body {solid.name}: where it bends it is some {100.0 * abs(off):.0f} % too "
-                f"{'stiff' if off > 0.0 else 'soft'}: its linear cells are {shape.cell:.2g} m long,"
-                f" {shape.layers:.2g} over a thickness of {shape.thickness:.2g} m; use at least "
-                'four, no longer than a quarter of it, or formulation = "q2"'
-            )
+        if shape is not None and solid.name in alone:
+            yield [solid], [shape]
 
 
 def _slender(named: NamedMesh, solid: Solid, held: Sequence[str]) -> Slender | None:
@@ -179,13 +218,87 @@ def _slender(named: NamedMesh, solid: Solid, held: Sequence[str]) -> Slender | N
     long, thick = _sides(around, whole)
     if long < SLENDER * thick or fast > HELD * around:
         return None
-    return Slender(thick, float(np.sqrt(cubes / around)), _sides(facets, count)[1])
+    layers = _sides(facets, count)[1]
+    return Slender(thick, float(np.sqrt(cubes / around)), layers, np.inf)
 
 
 def _sides(around: float, whole: float) -> tuple[float, float]:
     """Long and short side of the rectangle of a circumference and an area."""
     root = np.sqrt(max(around**2 / 16.0 - whole, 0.0))
     return float(around / 4.0 + root), float(around / 4.0 - root)
+
+
+def _in_space(case: Case, named: NamedMesh, solids: Sequence[Solid]) -> _Shapes:
+    """Straight bodies in space that are free to bend, with the shapes of each; collective.
+
+    Bodies of one material that share nodes, or are tied, bend as one; those of several are left
+    out.
+    """
+    number = {solid.name: k for k, solid in enumerate(solids)}
+    tied = [
+        {number[name] for side in (c.slave, c.master) for name in named.bodies_of(side)}
+        for c in case.contact
+        if c.tied and c.master not in case.tools
+    ]
+    bonded = [{number[name] for name in names} for names in bonded_groups(named)]
+    pairs = [(min(one), k) for one in (*tied, *bonded) for k in one]
+    held = [b.surface for b in case.boundary if b.holds or b.foundation]
+    held += [c.slave for c in case.contact if c.tied and c.master in case.tools]
+    for group in connected(len(solids), pairs):
+        joined = [solids[k] for k in group]
+        kinds = {(s.material.shear_modulus, s.material.bulk_modulus, s.reduced) for s in joined}
+        shapes = list(_beams(named, joined, sorted({*held} & {*named.surfaces})))
+        if len(kinds) == 1 and shapes:
+            yield joined, shapes
+
+
+def _beams(named: NamedMesh, solids: Sequence[Solid], held: Sequence[str]) -> Iterator[Slender]:
+    """The ways in which bodies that are one box may bend along its longest side; collective.
+
+    The box is that of the same second moments, a²/12, and nothing is said where its volume differs.
+    """
+    mesh, x = named.mesh, named.mesh.geometry.x
+    mesh.topology.create_connectivity(2, 3)
+    cells = np.concatenate([solid.cells for solid in solids])
+    facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
+    behind = mesh.topology.connectivity(2, 3)
+    facets = facets[np.isin(behind.array[behind.offsets[facets]], cells)]
+    corner = x[cell_nodes(mesh)[cells[cells < mesh.topology.index_map(3).size_local]]]
+    box = corner.shape[1] == 8
+    edges = corner[:, 1:] - corner[:, :1]
+    if box:  # means of four, as bits of a corner's number tell its side
+        sides = (np.arange(8) >> np.arange(3)[:, None]) & 1
+        edges = np.einsum("ka,cai->cki", 0.5 * sides - 0.25, corner)
+    volume = np.abs(np.linalg.det(edges)) / (1.0 if box else 6.0)
+    middle = corner.mean(axis=1)
+    arm = corner - middle[:, None]
+    size = np.einsum("c,cai,caj->ij", volume, arm, arm) / corner.shape[1]
+    side = x[entity_nodes(mesh, 2, facets)]
+    normal = 0.5 * np.cross(side[:, -1] - side[:, 0], side[:, -2] - side[:, 1 if box else 0])
+    normal /= np.sqrt(np.maximum(np.linalg.norm(normal, axis=1), 1e-300))[:, None]
+    fixed = np.isin(facets, np.concatenate([np.empty(0, int), *map(named.facets, held)]))
+    first, second = volume @ middle, np.einsum("c,ci,cj->ij", volume, middle, middle)
+    parts = [size, second, normal.T @ normal, normal[fixed].T @ normal[fixed], first, volume.sum()]
+    sums = mesh.comm.allreduce(np.concatenate([np.ravel(part) for part in parts]))
+    size, second, around, fast = sums[:36].reshape(4, 3, 3) / sums[-1]
+    mean = sums[36:39] / sums[-1]
+    # Of the corners of a box of sides h: h²/4; of six tetrahedra in it, h²/4.8.
+    inertia = second - np.outer(mean, mean) + size / (3.0 if box else 5.0)
+    # Across a square any two axes are principal ones: those of the cells, or of what is held.
+    _, axes = np.linalg.eigh(inertia - 1e-3 * (size + np.trace(size) / np.trace(around) * fast))
+    squares, cells_squares, around, fast = (
+        np.einsum("ik,ij,jk->k", axes, of, axes)
+        for of in (12.0 * inertia, (4.0 if box else 4.8) * size, around, fast)
+    )
+    lengths, cell, share = np.sqrt(squares), np.sqrt(cells_squares), fast / around
+    if abs(sums[-1] / lengths.prod() - 1.0) > BOX:
+        return
+    long = int(np.argmax(lengths - 1e-2 * cell))  # of a square, the way with the shorter cells
+    for thick, across in ((long - 1, long - 2), (long - 2, long - 1)):
+        t = lengths[thick]
+        if lengths[long] >= SLENDER * t and share[thick] <= HELD:
+            free = share[across] <= HELD and lengths[across] < SLENDER * t
+            yield Slender(t, cell[long], t / cell[thick], cell[across] if free else np.inf)
 
 
 def many_cells(case: Case, named: NamedMesh) -> Iterator[str]:

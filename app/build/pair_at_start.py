@@ -25,7 +25,7 @@ from tribox.geometry.surfaces.surface import ContactSurface, RigidMaster
 
 ACROSS = 0.9  # component of the normal below which a motion along an axis lets bodies slide
 CORNERED = 1.9  # spacing of a master's corners over the length of slave facets that feels them
-EXACT = 100.0  # what chords change over the clearance from which on there is none
+EXACT = 10.0  # what chords change over the clearance from which on that is none but rounding
 OFF_FIT = 0.02  # mean gap over interference from which a fit is said to be drawn otherwise
 CHORDED = 0.05  # what chords take of a clearance, over it, from which they are told of
 WAVED_FIT = 0.2  # height of a master's chords over interference that sliding over them is felt from
@@ -391,32 +391,41 @@ class PairAtStart:
         n the slave's normal. A chord h lies beside its arc by h²/12R in the mean.
         """
         surface, at, shape = self.surface, self.at, self.surface.shape
-        if surface.dim == 3 or len(shape.points) > shape.corners:
+        if len(shape.points) > shape.corners:
             return
         normal, weight = self._outward(), surface.slave.weight * at.on_surface
-        basis, gap = np.column_stack([np.ones(len(weight)), normal]), at.gap * (weight > 0.0)
-        known = np.column_stack([gap, surface.slave.position, surface.slave.facet_length**2])
+        sizes, ways = np.linalg.eigh(self._comm.allreduce(normal.T @ (weight[:, None] * normal)))
+        ways = ways[:, sizes > 1e-4 * sizes.sum()]  # not along the axis of a cylinder
+        count = ways.shape[1]
+        _, facets = outward_facets(surface.space, shape, surface.slave.mesh_facet)
+        squares: Floats = self._chords(facets, ways)
+        theirs: Floats = np.zeros(len(weight))
         master = surface.master
         if not isinstance(master, RigidMaster) and self.contact.smoothing_angle is None:
-            known[:, -1] -= master.sizes()[at.facet] ** 2
-        sums = np.hstack([basis, known]).T @ (weight[:, None] * np.hstack([basis, known]))
-        sums = self._comm.allreduce(sums)
-        if not np.linalg.cond(sums[:3, :3]) < 1e8:  # flat, or not above the master
+            theirs = self._chords(master.position[master.facets[at.facet]], ways)
+        gap = at.gap * (weight > 0.0)
+        basis = np.column_stack([np.ones(len(weight)), normal @ ways])
+        columns = np.column_stack([basis, gap, surface.slave.position @ ways, theirs, squares])
+        sums = self._comm.allreduce(columns.T @ (weight[:, None] * columns))
+        own = slice(count + 1)
+        if count < 2 or not np.linalg.cond(sums[own, own]) < 1e8:  # flat, or not above the master
             return
-        fit = np.linalg.solve(sums[:3, :3], sums[:3, 3:])
-        left = (np.diag(sums)[3:] - np.sum(fit * sums[:3, 3:], axis=0)) / sums[0, 0]
-        radius = 0.5 * (fit[1, 1] + fit[2, 2])
-        off = sums[0, -1] / sums[0, 0] / (12.0 * radius)
+        known, squared = sums[own, count + 1 :], np.diag(sums)[count + 1 :]
+        fit = np.linalg.solve(sums[own, own], known)
+        left = (squared - np.sum(fit * known, axis=0)) / sums[0, 0]
+        radius = np.trace(fit[1:, 1:-2]) / count
+        master_off, own_off = sums[0, -2:] / sums[0, 0] / (12.0 * radius)
+        off = own_off - master_off
         # Convex, the slave withdraws by its chords; the master does it the other way round.
         clearance = fit[0, 0] - off
         share = abs(off / clearance)
-        # Along a chord the gap has its own sagitta, and its points are h/sqrt(12) from x = R n.
-        uneven = left[0] > (0.2 * abs(clearance) + abs(off)) ** 2
-        if uneven or left[1] + left[2] > (0.2 * radius) ** 2 or share <= CHORDED:
+        # Along chords the gap has their sagittas, and its points are h/sqrt(12) from x = R n.
+        uneven = left[0] > (0.2 * abs(clearance) + abs(own_off) + abs(master_off)) ** 2
+        if uneven or left[1:-2].sum() > (0.2 * radius) ** 2 or share <= CHORDED:
             return
         play, part = f"{clearance:.2g}", f"{100.0 * share:.2g} %"
-        if share > EXACT:  # the rest is rounding
-            play, part = "0", f"{abs(off):.2g} m"
+        if share > 1.0:
+            play, part = "0" if share > EXACT else play, f"{abs(off):.2g} m"
         yield (
             f"{self.place}: {self.contact.slave} and {self.contact.master} are round and fit but "
             f"for {play} m, {'to' if off > 0.0 else 'of'} which chords "
@@ -424,6 +433,17 @@ class PairAtStart:
             "off by that, pressures under a force by up to a third of it, the area by half; a "
             "drawing of order = 2 keeps arcs, or shorter facets"
         )
+
+    def _chords(self, position: Floats, ways: Floats) -> Floats:
+        """Squares (f,), m², of chords that lie beside arcs as facets (f, a, i) do, turned as ways.
+
+        Of second moments the corners of lines and quadrilaterals have three times those of the
+        area between them, those of triangles four times: of a line h²/4 and h²/12.
+        """
+        corners = self.surface.shape.corners
+        inside = 0.25 if corners == 3 else 1.0 / 3.0
+        moments = np.einsum("fij,ik,jk->f", self._moments(position), ways, ways) / corners
+        return np.asarray(6.0 * (1.0 - inside) * moments)
 
     def _notes_on_corners(self, case: Case, unable: str | None) -> Iterator[str]:
         """Lines on a faceted master whose corners a slave feels, or catches on as it slides.

@@ -199,3 +199,65 @@ def test_a_strip_that_is_held_along_a_side_does_not_bend(how):
     model = build_model(Case.model_validate(data), MPI.COMM_SELF)
     said = [note for note in model.notes if "where it bends" in note]
     assert [" 482 % too stiff" in note for note in said] == [True] * (how == "free")
+
+
+def bar(elements, width=1e-3, **more):
+    """The same strip as a bar in space, 20 mm long and 1 mm thick."""
+    data = deepcopy(STRIP)
+    sides = {"x": [0, 20e-3], "y": [0, 1e-3], "z": [0, width], "elements": elements}
+    data["geometry"]["blocks"]["strip"] = sides
+    data["bodies"]["strip"] |= {"nu": 0.3, "formulation": "q1-sri"} | more
+    data["boundary"][0]["displacement"] = {"x": 0, "y": 0, "z": 0}
+    return data
+
+
+# Cells as long as the bar is thick and twice as long, one to four layers, and sound ones.
+@pytest.mark.parametrize("elements", [(20, 1, 1), (10, 2, 2), (20, 2, 2), (20, 4, 4), (80, 4, 4)])
+def test_how_much_too_stiff_or_soft_a_bar_in_space_bends_is_said(tmp_path, elements):
+    def force(data):
+        run = run_case(Case.model_validate(data), tmp_path, quiet=True, force=True)
+        one = read(tmp_path).surfaces.query("surface == 'strip_right'")["force_y"].iloc[-1]
+        return abs(one), [note for note in run.model.notes if "where it bends" in note]
+
+    true, none = force(bar([40, 2, 2], formulation="q2"))
+    found, said = force(bar(list(elements)))
+    off = found / true - 1.0
+    assert none == [] and len(said) == (abs(off) > 0.1)
+    for note in said:
+        percent, way = re.search(r"some ([\d.]+) % too (\w+)", note).groups()
+        assert float(percent) / 100.0 == pytest.approx(abs(off), abs=0.08)
+        assert way == ("stiff" if off > 0.0 else "soft")
+
+
+def test_a_bar_that_is_held_or_a_thick_block_does_not_bend():
+    """Tied halves do as one, and so does what is held across; a plane strain slab is as said."""
+
+    def said(data):
+        model = build_model(Case.model_validate(data), MPI.COMM_SELF)
+        return [note for note in model.notes if "where it bends" in note]
+
+    free = bar([10, 1, 1])
+    assert ["98 % too stiff" in note for note in said(free)] == [True]
+    held = deepcopy(free)
+    held["boundary"][1] = {"surface": "strip_right", "displacement": {"x": 1e-5}}
+    for side in ("bottom", "front"):
+        held["boundary"].append({"surface": f"strip_{side}", "symmetry": True})
+    held["boundary"][0]["displacement"] = {"x": 0}
+    assert said(held) == []
+    slab = deepcopy(free)
+    for side in ("back", "front"):
+        slab["boundary"].append({"surface": f"strip_{side}", "symmetry": True})
+    assert ["87 % too stiff" in note for note in said(slab)] == [True]
+    thick = deepcopy(free)
+    thick["geometry"]["blocks"]["strip"] |= {"y": [0, 3e-3], "z": [0, 3e-3]}
+    assert said(thick) == []
+    halves = deepcopy(free)
+    half = halves["geometry"]["blocks"]["strip"]
+    halves["geometry"]["blocks"] |= {
+        "strip": half | {"y": [0, 5e-4], "elements": [10, 1, 4]},
+        "upper": half | {"y": [5e-4, 1e-3], "elements": [20, 1, 4]},
+    }
+    halves["bodies"]["upper"] = halves["bodies"]["strip"]
+    halves["contact"] = [{"slave": "upper_bottom", "master": "strip_top", "tied": True}]
+    [note] = said(halves)
+    assert note.startswith("body strip with upper:") and "2 over a thickness of 0.001 m" in note

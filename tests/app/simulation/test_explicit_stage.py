@@ -258,3 +258,19 @@ def test_a_block_stays_on_the_plane_that_it_is_drawn_over(share, monkeypatch):
     closed = re.search(r"stage ([0-9.]+) % are closed", line)
     mean = np.mean([row.contact_area for row in rows]) / first.contact_area
     assert closed is not None and float(closed[1]) == pytest.approx(100.0 * mean, rel=0.02)
+
+
+def test_a_block_that_hops_is_told_of_though_next_to_nothing_is_ever_closed():
+    """Soft, and stopped from 0.4 m/s by mu = 0.8, it stands on its nose, then in the air."""
+    data = tomllib.loads(DRAWN)
+    data["geometry"]["blocks"]["block"] = {"x": [0, 40e-3], "y": [0, 10e-3], "elements": [6, 2]}
+    soft = {"E": "3 MPa", "density": "1000 kg/m^3", "velocity": {"x": "0.4 m/s"}}
+    data |= {"gravity": {"y": "-9.81 m/s^2"}, "boundary": []}
+    data["bodies"]["block"] |= soft
+    friction = {"law": "coulomb", "mu": 0.8}
+    data["contact"][0] |= {"friction": friction, "penalty_factor": 3.0}
+    data["stage"] = [data["stage"][0], {"name": "slide", "duration": "40 ms", "steps": 40}]
+    told = Bouncing()
+    solved(data, observer=told)
+    [line] = told.said
+    assert "the contact bounces" in line and "at times 0 %" in line

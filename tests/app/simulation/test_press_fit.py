@@ -2,6 +2,7 @@
 
 import copy
 import math
+import re
 
 import numpy as np
 import pytest
@@ -215,6 +216,54 @@ def test_chords_that_change_a_clearance_are_noted(tmp_path, slave, clearance, as
     assert len(notes) == (said is not None)
     for note in notes:
         assert f"fit but for {clearance:.2g} m" in note and said in note
+
+
+def sleeves_mesh(path, inner, outer):
+    """Two sleeves in space, about a skew axis, drawn with so many chords, as a gmsh file."""
+    nodes, rows = [], []
+    axes = np.linalg.qr(np.array([[1.0, 2.0, 3.0], [0.3, 1.0, -1.0], [2.0, -1.0, 0.1]]))[0]
+    for body, (around, radii) in enumerate(((inner, (INNER, BORE)), (outer, (BORE, OUTER)))):
+        turns = 2.0 * np.pi * np.arange(around) / around + 0.05 * body
+        first, layer = len(nodes) + 1, 2 * around
+        nodes += [
+            axes @ (r * math.cos(t), r * math.sin(t), z)
+            for z in (0, HIGH)
+            for r in radii
+            for t in turns
+        ]
+        ring = 1 - body  # the outside of the inner one, the inside of the outer one
+        for k in range(around):
+            a, b = first + k, first + (k + 1) % around
+            side = [n + ring * around for n in (a, b)]
+            below = [a, b, b + around, a + around]
+            side += [n + layer for n in side[::-1]]
+            rows.append(f"3 2 {body + 1} {body + 1} {' '.join(map(str, side))}")
+            corners = [*below, *(n + layer for n in below)]
+            rows.append(f"5 2 {body + 3} {body + 3} {' '.join(map(str, corners))}")
+    names = ['2 1 "outside"', '2 2 "inside"', '3 3 "inner"', '3 4 "outer"']
+    return write_mesh(path, names, nodes, rows)
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "smooth"), [(24, 34, False), (24, 34, True), (40, 30, True)]
+)
+def test_chords_of_sleeves_in_space_are_noted(tmp_path, inner, outer, smooth):
+    """A smooth master has no chords, and lies beside those of the slave."""
+    material = {"material": "neo-hookean", "E": 10e6, "nu": 0.3}
+    contact = {"slave": "outside", "master": "inside", "friction": {"law": "frictionless"}}
+    data = {
+        "geometry": {"mesh": str(sleeves_mesh(tmp_path / "sleeves.msh", inner, outer))},
+        "bodies": {"inner": material, "outer": material},
+        "contact": [contact | ({"smoothing_angle": "30 deg"} if smooth else {})],
+        "boundary": [{"surface": "outside", "pressure": [[0.0, 0.0], [1.0, 1e3]]}],
+        "stage": [{"name": "press", "duration": 1.0, "steps": 2}],
+    }
+    [note] = [line for line in built(data).model.notes if "are round and fit but" in line]
+    squares = [(2.0 * BORE * math.sin(math.pi / n)) ** 2 for n in (inner, outer)]
+    off = (squares[0] - (0.0 if smooth else squares[1])) / (12.0 * BORE)
+    word, size = re.search(r"which chords (\w+) ([-0-9.e]+) m:", note).groups()
+    assert word == ("add" if off > 0.0 else "take")
+    assert float(size) == pytest.approx(abs(off), rel=0.03)
 
 
 def test_flats_that_fit_each_other_are_not_round(tmp_path):
