@@ -131,8 +131,9 @@ def on_ranks(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Where several processes test, one of them has all tests that share starts of ranks."""
     if "PYTEST_XDIST_WORKER" in os.environ:
-        for item in filter(_asked, items):
-            item.add_marker(pytest.mark.xdist_group("ranks"))
+        for item in items:
+            if "on_ranks" in getattr(item, "fixturenames", ()):
+                item.add_marker(pytest.mark.xdist_group("ranks"))
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -149,11 +150,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
 
 
 def pytest_configure() -> None:
-    """Keep processes that share the tests out on cores of their own, with all that they start.
-
-    Ranks, which wait for each other at every step, come to nothing beside another process that
-    computes; on one core they give way to each other and take no longer than what they compute.
-    """
+    """Keep processes that share the tests out on cores of their own, with all that they start."""
     if worker := os.environ.get("PYTEST_XDIST_WORKER"):
         cores, count = sorted(os.sched_getaffinity(0)), int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
         os.sched_setaffinity(0, cores[int(worker[2:]) % len(cores) :: count])
@@ -177,6 +174,10 @@ def main(directory: Path, names: list[str]) -> None:
     """Call functions on all ranks there are; write what the first rank returns."""
     import tests.loaded_once  # noqa: F401
 
+    # All on one core, where they give way to each other and take no longer than they compute. They
+    # wait for each other at every step, and come to nothing beside another process.
+    cores = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {cores[os.getppid() % len(cores)]})
     comm = MPI.COMM_WORLD
     for name in names:
         module, function = name.split(":")

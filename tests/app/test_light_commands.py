@@ -72,19 +72,10 @@ def test_commands_that_solve_nothing_load_no_solver(tmp_path, block):
         *(["plot", str(strip), "--animate"], ["report", str(strip)]),
         ["init", "own-mesh", str(tmp_path / "starter")],
         ["fit", str(DATA), "--parameters", "mu_s,eta_b", "--out", str(tmp_path / "fit")],
-        [
-            "fit",
-            "--material",
-            str(PULLED),
-            "--law",
-            "linear",
-            "--branches",
-            "0",
-            "--out",
-            str(tmp_path / "metal"),
-        ],
+        [*"fit --law linear --branches 0 --out".split(), str(tmp_path / "metal"), "--material",
+         str(PULLED)],
         ["check", str(right)],
-    ]
+    ]  # fmt: skip
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, json.dumps(lines)],
         capture_output=True, text=True, cwd=ROOT, timeout=LIMIT,
