@@ -297,7 +297,7 @@ def soft_line(across):
         rate += [[time + 1e-9 * way, speed / RADIUS], [time + way, speed / RADIUS]]
         stages.append({"name": f"{g}", "duration": way, "steps": 1})
         time += way
-    block = {"x": [-16.0 * a, 16.0 * a], "y": [-16.0 * a, 0.0], "elements": [16 * across, 14]}
+    block = {"x": [-16.0 * a, 16.0 * a], "y": [-16.0 * a, 0.0], "elements": [16 * across, 10]}
     data = data_of(steady=True, sigma="0.02 um", eta_b=ETA, h_max="1 mm")
     roll = data["tools"]["roll"] | {"rotation": {"rate": rate}}
     roll["force"] = {"y": [["0 s", "0 N"], ["1 s", f"{-force} N"]]}
