@@ -452,7 +452,7 @@ def test(
     if not every:
         command += ["-m", "not long"]
     if not context.args and find_spec("xdist") is not None:
-        command += ["-n", "2", "--dist", "loadgroup"]  # all of it: two files at a time
+        command += ["-n", "2", "--dist", "loadfile"]  # all of it: two files at a time
     os.execv(sys.executable, [*command, *context.args])
 
 

@@ -149,9 +149,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
     return Scheduling(config, log)
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Keep processes that share the tests out on cores of their own, with all that they start."""
     if worker := os.environ.get("PYTEST_XDIST_WORKER"):
+        config.option.loadgroup = True  # the marks above count, however tests are shared out
         cores, count = sorted(os.sched_getaffinity(0)), int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
         os.sched_setaffinity(0, cores[int(worker[2:]) % len(cores) :: count])
 
