@@ -13,7 +13,6 @@ The test is given what the first rank returns, as JSON. On one rank this process
 """
 
 import contextlib
-import fcntl
 import importlib
 import json
 import os
@@ -21,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -60,8 +59,8 @@ class OnRanks:
     What only long tests ask for has a start of its own: no test may wait for all of it.
     """
 
-    def __init__(self, session: pytest.Session) -> None:
-        self.directory = _shared_directory(session.config)
+    def __init__(self, session: pytest.Session, directory: Path) -> None:
+        self.directory = directory
         self._alone: dict[str, Any] = {}
         self._tiers: dict[tuple[str, int], str] = {}
         for item in session.items:
@@ -69,26 +68,15 @@ class OnRanks:
             for key in _asked(item):
                 self._tiers[key] = min(tier, self._tiers.get(key, tier))
 
-    def starts(self, item: pytest.Item) -> bool:
-        """Whether a test will start ranks: its own, or the first of those that tests share."""
-        if any(not mark.args for mark in item.iter_markers("mpi")):
-            return True
-        shared = [key for key in _asked(item) if key[1] > 1]
-        return not all(self._directory(key).exists() for key in shared)
-
-    def _directory(self, key: tuple[str, int]) -> Path:
-        return self.directory / f"{key[1]}-{self._tiers[key]}"
-
     def __call__(self, scene: Scene, count: int) -> Any:
         """What a function returns on the first of a number of ranks."""
         name = name_of(scene)
         if count == 1:
             if name not in self._alone:
-                own = f"1-{os.environ.get('PYTEST_XDIST_WORKER', 'only')}"
-                self._alone[name] = call(scene, MPI.COMM_SELF, self.directory / own)
+                self._alone[name] = call(scene, MPI.COMM_SELF, self.directory / "1")
             return self._alone[name]
         assert (name, count) in self._tiers, f"@pytest.mark.mpi({scene.__name__}, {count})"
-        directory = self._directory((name, count))
+        directory = self.directory / f"{count}-{self._tiers[name, count]}"
         if not directory.exists():
             self._start(self._tiers[name, count], count, directory)
         found = directory / f"{name}.json"
@@ -97,7 +85,6 @@ class OnRanks:
         return json.loads(found.read_text(encoding="utf-8"))
 
     def _start(self, tier: str, count: int, directory: Path) -> None:
-        # Tests that start ranks are alone (see conftest.py): no other process does so now.
         directory.mkdir(parents=True)
         names = [name for (name, ranks), of in self._tiers.items() if (of, ranks) == (tier, count)]
         with (directory / "said.txt").open("w", encoding="utf-8") as output:
@@ -134,55 +121,40 @@ def _asked(item: pytest.Item) -> list[tuple[str, int]]:
     ]
 
 
-def _shared_directory(config: pytest.Config) -> Path:
-    """A directory that processes which share the tests out have in common."""
-    base = config._tmp_path_factory.getbasetemp()
-    return (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "ranks"
-
-
-_KEY = pytest.StashKey[OnRanks]()
-
-
-def ranks_of(session: pytest.Session) -> OnRanks:
-    """What starts the ranks of these tests."""
-    if _KEY not in session.stash:
-        session.stash[_KEY] = OnRanks(session)
-    return session.stash[_KEY]
-
-
 @pytest.fixture(scope="session")
-def on_ranks(request: pytest.FixtureRequest) -> OnRanks:
+def on_ranks(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> OnRanks:
     """Calls a function that is named in the test's marker on a number of ranks."""
-    return ranks_of(request.session)
+    return OnRanks(request.session, tmp_path_factory.mktemp("ranks"))
 
 
-@pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Where two files are tested at a time, a test that starts ranks has the cores to itself.
-
-    Ranks, which wait for each other at every step, come to nothing beside a process that computes.
-    One that finds its ranks' results shares the cores like any other.
-    """
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        return (yield)
-    ranks = ranks_of(item.session).starts(item)
-    kind = fcntl.LOCK_EX if ranks else fcntl.LOCK_SH
-    # Who waits for the cores keeps the gate, or those who share them would never be done.
-    with _locked(ROOT / "tests", fcntl.LOCK_EX) as gate, _locked(ROOT / "tests" / "app", kind):
-        if not ranks:
-            fcntl.flock(gate, fcntl.LOCK_UN)
-        return (yield)
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Where several processes test, one of them has all tests that share starts of ranks."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        for item in items:
+            if "on_ranks" in getattr(item, "fixturenames", ()):
+                item.add_marker(pytest.mark.xdist_group("ranks"))
 
 
-@contextlib.contextmanager
-def _locked(path: Path, kind: int) -> Iterator[int]:
-    """Holds a lock on a directory, which need not be writable; yields its descriptor."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        fcntl.flock(descriptor, kind)
-        yield descriptor
-    finally:
-        os.close(descriptor)
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
+    """Hands out those as one, and the others file by file."""
+    from xdist.scheduler import LoadGroupScheduling
+
+    class Scheduling(LoadGroupScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            found = str(super()._split_scope(nodeid))
+            return nodeid.split("::")[0] if found == nodeid else found
+
+    return Scheduling(config, log)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep processes that share the tests out on cores of their own, with all that they start."""
+    if worker := os.environ.get("PYTEST_XDIST_WORKER"):
+        config.option.loadgroup = True  # the marks above count, however tests are shared out
+        cores, count = sorted(os.sched_getaffinity(0)), int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+        os.sched_setaffinity(0, cores[int(worker[2:]) % len(cores) :: count])
 
 
 def name_of(scene: Scene) -> str:
@@ -203,6 +175,10 @@ def main(directory: Path, names: list[str]) -> None:
     """Call functions on all ranks there are; write what the first rank returns."""
     import tests.loaded_once  # noqa: F401
 
+    # All on one core, where they give way to each other and take no longer than they compute. They
+    # wait for each other at every step, and come to nothing beside another process.
+    cores = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {cores[os.getppid() % len(cores)]})
     comm = MPI.COMM_WORLD
     for name in names:
         module, function = name.split(":")

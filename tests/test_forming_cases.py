@@ -205,11 +205,11 @@ def test_a_tube_fills_the_die_and_springs_back_by_little(tmp_path):
     done = reduced(
         "tube-bulge",
         tmp_path,
-        geometry__blocks__tube__elements="[2, 36]",
-        geometry__blocks__plug__elements="[8, 18]",
-        stage__0__steps="10",
-        stage__1__steps="40",
-        stage__2__steps="15",
+        geometry__blocks__tube__elements="[2, 24]",
+        geometry__blocks__plug__elements="[6, 12]",
+        stage__0__steps="8",
+        stage__1__steps="24",
+        stage__2__steps="6",
     )
     flowing = next(number for number, row in enumerate(done.rows) if row.plastic_dissipation > 0.0)
     pressed = of_tool(done, "punch", "force_y") / (np.pi * 20e-3**2)
@@ -229,9 +229,9 @@ def test_a_strip_pressed_by_a_pad_stays_bent_and_keeps_stresses_in_balance(tmp_p
     done = reduced(
         "pad",
         tmp_path,
-        geometry__blocks__strip__elements="[32, 2]",
-        geometry__blocks__pad__elements="[20, 5]",
-        stage__1__steps="20",
+        geometry__blocks__strip__elements="[26, 2]",
+        geometry__blocks__pad__elements="[16, 4]",
+        stage__1__steps="12",
     )
     end = [row.stage for row in done.rows].index("lift") - 1
     down = done.state.motion.of_surface("pad_top", "force_y")
@@ -353,9 +353,9 @@ def test_a_cup_is_drawn_by_the_force_of_its_flange_until_the_holder_rests(tmp_pa
     done = reduced(
         "cup",
         tmp_path,
-        geometry__blocks__blank__elements="[70, 2]",
+        geometry__blocks__blank__elements="[56, 2]",
         tools__punch__displacement='{ y = [["0 s", "0 mm"], ["1 s", "-23 mm"]] }',
-        stage__0__steps="46",
+        stage__0__steps="40",
         solver__tolerance="1e-9",
     )
     law = Swift(392.9e6, 0.002, 0.2561)

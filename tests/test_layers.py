@@ -8,6 +8,7 @@ import ast
 import graphlib
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -77,6 +78,7 @@ def imported(module: str, path: Path, known: set[str]) -> Iterator[str]:
                 yield inner if inner in known else str(node.module)
 
 
+@cache
 def imports(root: Path = ROOT) -> dict[str, set[str]]:
     found = sources(root)
     return {module: set(imported(module, path, set(found))) for module, path in found.items()}

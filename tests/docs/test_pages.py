@@ -3,7 +3,7 @@
 import pytest
 
 from tests.docs.page_run import check_page
-from tests.docs.pages import all_pages, group_of, name_of
+from tests.docs.pages import all_pages, name_of
 
 PAGES = [pytest.param(page, id=name_of(page)) for page in all_pages()]
 
@@ -17,4 +17,3 @@ def test_each_block_has_a_language_and_its_commands_exist(page):
 def test_the_pages_are_found():
     names = {name_of(page) for page in all_pages()}
     assert {"README.md", "docs/law.md", "docs/forming/pad.md", "benchmarks/RESULTS.md"} <= names
-    assert {group_of(page) for page in all_pages()} == {"start", "guides", "reference"}

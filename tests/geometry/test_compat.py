@@ -53,11 +53,10 @@ def _attribute(node: ast.Attribute) -> Iterator[tuple[int, str]]:
     own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
     if not own and (node.attr in VERSIONED or node.attr in FOREIGN):
         yield node.lineno, node.attr
-    name = ast.unparse(node)
-    if name == "dolfinx.cpp":
-        yield node.lineno, name
+    if node.attr == "cpp" and ast.unparse(node) == "dolfinx.cpp":
+        yield node.lineno, "dolfinx.cpp"
     if node.attr == "dofmap" and ast.unparse(node.value).endswith("geometry"):
-        yield node.lineno, name  # a list of them from 0.11 on
+        yield node.lineno, ast.unparse(node)  # a list of them from 0.11 on
 
 
 def sources() -> list[Path]:

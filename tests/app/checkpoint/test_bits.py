@@ -74,8 +74,7 @@ def places(name: str) -> list[Any]:
         "implicit space by Krylov": (0.2, 0.85),
         "explicit film": (0.0, 0.65),
     }
-    shares = own.get(name, (0.2, 0.65) if name in FIRST else (0.65,))
-    return [pytest.param(name, share, id=f"{name} {share}") for share in shares]
+    return [pytest.param(name, share, id=f"{name} {share}") for share in own.get(name, (0.65,))]
 
 
 def tiers() -> list[Any]:

@@ -176,7 +176,6 @@ def test_a_signal_stops_a_run_after_its_step(start, tmp_path):
     assert results.summary["steps"] == len(results.history)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("number", "whom"),
     [(signal.SIGTERM, "tribox"), long(signal.SIGUSR1, "prterun")],
@@ -212,7 +211,6 @@ def test_a_signal_to_a_sweep_stops_its_runs(start, tmp_path):
     assert (out / "sweep.csv").is_file()
 
 
-@pytest.mark.mpi
 @pytest.mark.long
 def test_who_is_killed_leaves_no_orphans(start, tmp_path):
     process, out = start("single", "--np", "2"), tmp_path / "out"

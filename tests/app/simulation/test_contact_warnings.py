@@ -548,12 +548,13 @@ def test_metal_that_passes_a_contact_may_be_pressed_too_hard(tmp_path):
     force, found = [], []
     for factor in (3.0, 60.0):
         data = tomllib.loads((CASES / "forming" / "strip-rolling.toml").read_text())
-        data["geometry"]["blocks"]["strip"]["elements"] = [60, 2]
+        data["geometry"]["blocks"]["strip"]["elements"] = [48, 2]
         data["contact"][0]["penalty_factor"] = factor
-        data["stage"][0]["steps"], data["stage"][1]["steps"] = 30, 60
+        data["stage"][0]["steps"] = 30
+        data["stage"][1] |= {"duration": "0.5 s", "steps": 30}
         data["output"] = {"fields_every": 0, "figures": False}
         run = run_case(Case.model_validate(data), tmp_path / "out", quiet=True, force=True)
-        force.append(np.mean([row.normal_force for row in run.rows[-20:]]))
+        force.append(np.mean([row.normal_force for row in run.rows[-15:]]))
         summary = json.loads((tmp_path / "out" / "summary.json").read_text())
         found.append([line for line in summary["warnings"] if "penetration" in line])
     [line], none = found

@@ -271,7 +271,7 @@ def test_friction_of_a_mixed_film_is_that_of_the_half_plane(tmp_path):
     """With the facets of the case, whose inlet is half as long, and no warning of them."""
     stage = 'stage=[{name="press", duration="1 s", steps=3, rate_dependent=false},'
     stage += '{name="slide", velocity="1 mm/s", duration="3 s", steps=2}]'
-    fewer = "geometry.blocks.rubber.elements=[240, 12]", "geometry.blocks.rubber.grading=[1, 0.06]"
+    fewer = "geometry.blocks.rubber.elements=[240, 9]", "geometry.blocks.rubber.grading=[1, 0.04]"
     directory = shipped("soft-line", tmp_path / "out", stage, *fewer)
     tool = read_table(directory / "tools.csv")[-1]
     assert -float(tool["force_x"]) / 1e3 == pytest.approx(0.0436, rel=0.02)
@@ -297,7 +297,7 @@ def soft_line(across):
         rate += [[time + 1e-9 * way, speed / RADIUS], [time + way, speed / RADIUS]]
         stages.append({"name": f"{g}", "duration": way, "steps": 1})
         time += way
-    block = {"x": [-16.0 * a, 16.0 * a], "y": [-16.0 * a, 0.0], "elements": [16 * across, 14]}
+    block = {"x": [-16.0 * a, 16.0 * a], "y": [-16.0 * a, 0.0], "elements": [16 * across, 10]}
     data = data_of(steady=True, sigma="0.02 um", eta_b=ETA, h_max="1 mm")
     roll = data["tools"]["roll"] | {"rotation": {"rate": rate}}
     roll["force"] = {"y": [["0 s", "0 N"], ["1 s", f"{-force} N"]]}

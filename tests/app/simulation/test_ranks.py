@@ -126,7 +126,7 @@ z = [["1 s", "0 mm"], ["2 s", "0.05 mm"]]
 [[stage]]
 name = "all"
 duration = "4 s"
-steps = 12
+steps = 8
 """
 # A ring or a sphere cannot be dragged: it spreads as it is pressed, sticks at first and slips.
 PRESSED = """

@@ -68,9 +68,9 @@ def of_legs(done):
 
 
 def facts(comm, directory):
-    """Forces and work of the clip, one body and two."""
+    """Forces and work of the clip, one body and, on one rank, two."""
     found = []
-    for halves in (False, True):
+    for halves in (False, True)[: 1 + (comm.size == 1)]:
         path = directory / f"clip-{halves}-{comm.size}.msh"
         if comm.rank == 0:
             clip(path, halves)
@@ -85,12 +85,12 @@ def facts(comm, directory):
 
 @pytest.mark.mpi(facts, 2)
 def test_a_body_that_closes_on_itself_is_as_two_that_are_one(on_ranks):
-    one, two = alone = on_ranks(facts, 1)
+    one, two = on_ranks(facts, 1)
     assert one["pair"][0] == 0.0 and one["pair"][-1] > 1e-2 * one["rows"][-1][0]
     np.testing.assert_allclose(one["rows"], two["rows"], rtol=1e-7)
     assert one["left"] < 1e-7 and two["left"] < 1e-7
-    for here, there in zip(alone, on_ranks(facts, 2), strict=True):
-        np.testing.assert_allclose(there["rows"], here["rows"], rtol=1e-6)
+    [shared] = on_ranks(facts, 2)
+    np.testing.assert_allclose(shared["rows"], one["rows"], rtol=1e-6)
 
 
 def test_surfaces_that_share_a_node_cannot_close_there(tmp_path):

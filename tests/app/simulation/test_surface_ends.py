@@ -164,7 +164,6 @@ def ball(comm: MPI.Comm, directory: Path) -> list[tuple[str, ...]]:
     return found
 
 
-@pytest.mark.long
 @pytest.mark.mpi(ball, 2)
 def test_ends_in_space_are_told_on_any_number_of_ranks(tmp_path, on_ranks):
     """Planes of symmetry are none; slave first, then master."""

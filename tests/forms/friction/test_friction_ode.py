@@ -198,7 +198,7 @@ def slowed(law: FrictionMap, steps: int, drawn: float) -> float:
     return float(found.traction[0, 0])
 
 
-@pytest.mark.parametrize("K_T", [1e9, 1e10, 1e11])
+@pytest.mark.parametrize("K_T", [1e9, 1e11])
 @pytest.mark.parametrize("how", DRAWN)
 def test_a_point_that_slows_through_the_threshold_rests_where_it_should(how, K_T):
     exact = resting_traction(K_T, DRAWN[how])
