@@ -218,7 +218,7 @@ class Predictor:
         A platen's force is that of all nodes: the finer the mesh, the less is a residual beside it.
         """
         problem, share = self.problem, FAR_OFF * self.problem.reference_force
-        if not any(platen.acts for platen in problem.platens):
+        if not problem.committed or not any(platen.acts for platen in problem.platens):
             return share
         pairs = zip(problem.contacts, problem.committed, strict=True)
         squared = sum(term.forces_at_nodes(trial)[2] for term, trial in pairs)

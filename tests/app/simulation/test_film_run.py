@@ -128,6 +128,21 @@ def test_a_smooth_film_carries_a_force_from_the_first_step_on(drawn, tmp_path):
     assert found == pytest.approx(least, rel=0.03)  # 1.1 % with facets of half the length
 
 
+def test_a_platen_presses_a_film_that_rubs_as_its_roll_does(tmp_path):
+    data, carried = data_of(), []
+    data["contact"][0]["friction"] = {"law": "coulomb", "mu": 0.3}
+    data["stage"] = data["stage"][:1]
+    for way in "roll", "platen":
+        run(case_of(data), tmp_path / way)
+        carried.append(column(tmp_path / way, "asperity_force")[-1])
+        data["tools"]["roll"] |= {"displacement": {"x": 0, "y": 0}}
+        data["tools"]["roll"].pop("force", None)
+        force = [["0 s", "0 N"], ["1 s", "400 N"]]
+        platen = {"surface": "rubber_bottom", "platen": {"direction": "y", "force": force}}
+        data["boundary"] = [{"surface": "rubber_bottom", "displacement": {"x": 0}}, platen]
+    assert carried[1] == pytest.approx(carried[0], rel=1e-6) and carried[0] > 390.0
+
+
 def test_a_facet_of_two_points_is_refused():
     data = data_of()
     data["contact"][0]["quadrature_degree"] = 3
