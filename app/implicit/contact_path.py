@@ -107,12 +107,14 @@ class Changed:
     rates: list[Floats] = field(default_factory=list)
 
     def add(self, number: int, sign: float, answer: PETSc.Vec, rates: Floats) -> None:
+        """Take one more vertex."""
         self.numbers.append(number)
         self.signs.append(sign)
         self.answers.append(answer)
         self.rates.append(rates)
 
     def remove(self, number: int) -> None:
+        """Leave a vertex as it is in the tangent again."""
         at = self.numbers.index(number)
         for entries in (self.numbers, self.signs, self.answers, self.rates):
             entries.pop(at)

@@ -301,7 +301,7 @@ def phases_after(attempt: Attempt, inside: FromInside) -> tuple[Phase, ...]:
         return (ThinnedOil(), LinearStart()) if flows else (LinearStart(),)
     if not attempt.has_contacts:
         return (LinearStart(),)
-    near, flows = attempt.newton.is_near(), attempt.newton.problem.flows
+    near, flows = attempt.newton.is_near(FAR), attempt.newton.problem.flows
     if attempt.step.holding is not None:
         return (FromInside("last"), FirmSprings())
     rubs = attempt.pressed and not flows and attempt.predictor.rubbing()

@@ -158,13 +158,12 @@ class Newton(Remembers):
         self.trial = trial
         self.residuals: list[float] = []
         self._residual = problem.new_vector()
-        self._beside = problem.new_vector()
         self._before = problem.new_vector()  # where the tangent was taken last
         self.largest_force, self.strayed = 0.0, False
         self.on_path, self.inside = False, Inside()
         self.turns = Turns()
         self._step, self._phase = DEFAULT_STEP, NEWTON_PHASES[0]
-        self._patience, self._reused = Patience(), False
+        self._patience = Patience()
         self._tolerance, self._limit = options.tolerance, options.max_iterations
         prefix = f"{PREFIX}{next(_numbers)}_"  # of its own: options must not reach the next run
         self._petsc_options = PETSc.Options(prefix)
@@ -309,15 +308,18 @@ class Newton(Remembers):
         if self._phase is TURNED_STEPS:  # bodies that float turn by it
             return self.turns.turn(x, y)
         interior = any(mode.interior is not None for mode in self._step.modes)
-        if self._phase.line_search or interior or self._reused or not self.solver.direct:
+        if self._phase.line_search or interior or not self.solver.direct or self._reuse():
             return False
         solve, most = self.solver.solve, self._residual.norm()
         return follow(self.problem, self._step, x, y, solve, self._norm_at, most)
 
     def _norm_at(self, x: PETSc.Vec) -> float:
         """Norm of the residual; collective."""
-        self._function(self.snes, x, self._beside)
-        return float(self._beside.norm())
+        f = x.duplicate()
+        self._function(self.snes, x, f)
+        norm = float(f.norm())
+        f.destroy()
+        return norm
 
     def _carried_by_films(self) -> bool:
         """Whether films carry enough, now or at the last step, for their kinks to count most."""
@@ -480,8 +482,7 @@ class Newton(Remembers):
             self.problem.residual(snes, x, f, self._step)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
-        self._reused = self._reuse()
-        if not self._reused:
+        if not self._reuse():
             self.solver.assemble(x, self._step, self._before)
             x.copy(self._before)
         share = self._tolerance / max(self.residuals[-1], self._tolerance)

@@ -128,7 +128,7 @@ def test_block_slides_over_the_edges_of_a_coarse_master(block, tmp_path, degrees
     """Corners and points pass convex and concave edges with the default settings."""
     run, cuts = over_the_edges(block, tmp_path, degrees, 0.2, 14)
     rows: list[Row] = run.rows
-    assert cuts <= 4 and sum(row.newton_iterations for row in rows) <= 300
+    assert cuts <= 4 and sum(row.newton_iterations for row in rows) <= 340
     # All points slide: mu times their loads, whose resultant is less where normals differ.
     load = load_of(run)
     assert rows[-1].tangential_force == pytest.approx(0.2 * load, rel=5e-3)
