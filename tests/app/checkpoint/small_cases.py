@@ -261,7 +261,7 @@ IMPLICIT: dict[str, Maker] = {
         {"surface": "top", "displacement": _FAR},
         {"surface": "elastomer_right", "pressure": "5 kPa", "stages": ["slide"]},
         stage=[STAGES[0], STAGES[1] | {"steps": 2}],
-        solver={"max_iterations": 3},
+        solver={"max_iterations": 2},
     ),
     "frozen": block(stage=[STAGES[0], STAGES[1] | {"steps": 1}], solver={"max_iterations": 4}),
     "slowed out of the film": plain(FILM, {**_THIN, "stage": [STAGES[0], *_SLOWED]}),

@@ -34,7 +34,7 @@ CREEP = [STAGES[0] | {"rate_dependent": False}, STAGES[1]]
 CASES: dict[str, dict[str, Any]] = {
     "creep": changed(BLOCK, COARSE | RUBBER | {"stage": CREEP}),
     "implicit": soft_block(probe=PROBES, bodies__aluminium__kinematic=BACK),
-    "cut": soft_block(rated=True, solver={"max_iterations": 3}),
+    "cut": soft_block(rated=True, solver={"max_iterations": 2}),
     "explicit": soft_block(
         rated=True,
         solver={"kind": "explicit", "tolerance": 1e-8},

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -142,5 +141,5 @@ def test_a_run_goes_on_on_other_ranks(on_ranks, scene, key, started, ranks):
     assert 0 < found["resumed"] < len(found["iterations"][0])
     # Where a body is let go and Newton's method wavers, rounding decides how long it takes.
     pairs = zip(*found["iterations"], strict=True)
-    calm = list(takewhile(lambda pair: max(pair) <= WAVERING, pairs))
+    calm = [pair for pair in pairs if max(pair) <= WAVERING]
     assert len(calm) >= found["resumed"] and all(before == now for before, now in calm)

@@ -265,7 +265,7 @@ def test_what_found_the_last_hard_step_comes_first_in_the_next():
         predictor=SimpleNamespace(rubbing=lambda: False),
         x=SimpleNamespace(array_r=np.zeros(2)),
         newton=SimpleNamespace(
-            is_bounded=False, is_near=lambda: False, problem=problem, inside=newton
+            is_bounded=False, is_near=lambda within: False, problem=problem, inside=newton
         ),
     )
     assert phases_after(attempt, inside) == (inside, SoftContact())

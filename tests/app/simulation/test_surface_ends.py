@@ -179,7 +179,7 @@ def test_a_step_that_fails_tells_of_ends_that_were_reached(tmp_path):
     with pytest.raises(SolutionError) as caught:
         outgrown(MPI.COMM_SELF, tmp_path, depth="-3 mm", solver=solver, stage=stage)
     assert re.search(REACHED, str(caught.value)), caught.value
-    assert "try a surface elastomer_contact that reaches further there" in str(caught.value)
+    assert re.search(r"a surface \w+_contact that reaches further there", str(caught.value))
 
 
 # A round tool that slides along a rubber strip, whose facets are .5 mm long, by 2.5 mm.
