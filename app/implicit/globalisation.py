@@ -284,7 +284,6 @@ RIM = 0.05  # relative residual of a prediction up to which it errs only at the 
 SOLVED = 1e-3  # the same from which on so much is opened that holding saves iterations
 FAR = 1e-2  # relative residual of a prediction from which on contacts change much
 NEARLY = 2.0  # the same of contacts that rub, where a few iterations show whether it is
-EASILY = 3  # iterations of a step from the prediction, after which the next begins there too
 STANDS = 1e-9  # way of a support, in lengths of a slave facet, that is rounding
 FIRST_CUTS = (1, 2)  # failures from a state after which shorter steps may fail alike
 
@@ -361,9 +360,7 @@ def _in_turn(attempt: Attempt, phases: Iterable[Phase]) -> tuple[int, int]:
         iterations += more
         if reason > 0 and isinstance(phase, FromInside) and has_escaped(attempt):
             reason = int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
-        inside = attempt.newton.inside
-        stays = inside.last and isinstance(phase, PredictedStart) and more > EASILY
-        inside.last = reason > 0 and (isinstance(phase, FromInside) or stays)
+        attempt.newton.inside.last = reason > 0 and isinstance(phase, FromInside)
         if reason > 0 or attempt.adrift:
             break
     return iterations, reason
