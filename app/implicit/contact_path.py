@@ -164,18 +164,19 @@ def follow(
     ]
     if not pairs:
         return False
-    found = _Path(problem, pairs, solve).to_its_end(y)
-    if found is None:
+    end = _Path(problem, pairs, solve).to_its_end(y)
+    if end is None:
         return False
-    there = x.copy()
+    there, falls = x.copy(), False
     for cut in range(CUTS):
-        there.waxpy(-(0.5**cut), found, x)
-        if residual(there) < most:
-            found.copy(y)
+        there.waxpy(-(0.5**cut), end, x)
+        falls = residual(there) < most
+        if falls:
+            end.copy(y)
             break
     there.destroy()
-    found.destroy()
-    return True
+    end.destroy()
+    return falls
 
 
 class _Path:
@@ -193,7 +194,7 @@ class _Path:
         self.known: dict[int, tuple[PETSc.Vec, Floats]] = {}
 
     def to_its_end(self, y: PETSc.Vec) -> PETSc.Vec | None:
-        """Where it ends, to be destroyed; None where nothing opens or closes; collective."""
+        """Where it ends, to be destroyed; None if nothing changes, or none is found; collective."""
         at_start = self._rates(y)
         place, direction, rates = y.duplicate(), y.copy(), at_start
         gone, events = 0.0, 0
@@ -206,8 +207,12 @@ class _Path:
                 break
             self.gap = self.gap - way * rates
             gone, events = gone + way, events + 1
-            self._flip(number)
-            rates = self._turn(y, direction, at_start)
+            try:
+                self._flip(number)
+                rates = self._turn(y, direction, at_start)
+            except np.linalg.LinAlgError:  # the bodies do not resist
+                place.set(np.nan)
+                break
         for vector in (direction, *(answer for answer, _ in self.known.values())):
             vector.destroy()
         if events and np.isfinite(place.norm()):
@@ -247,7 +252,8 @@ class _Path:
         pair = int(np.searchsorted(self.first, number, side="right")) - 1
         force = self.pairs[pair].force_of(number - int(self.first[pair]), self.problem)
         answer = force.duplicate()
-        self.solve(force, answer)
+        if not self.solve(force, answer):
+            answer.set(np.nan)
         force.destroy()
         return answer, self._rates(answer)
 

@@ -402,10 +402,11 @@ def has_escaped(attempt: Attempt) -> bool:
     It is in balance wherever it has no contact, also where a shorter step would not have taken it:
     out of the gap of rolls that draw it in. Only what shorter steps find as well is believed.
     """
-    bodies = attempt.bodies
-    if not attempt.pressed or not bodies.directions or attempt.failures >= ESCAPES:
+    bodies, committed = attempt.bodies, attempt.newton.problem.committed
+    meshed = np.array([one.kind == "body" for one in bodies.directions], dtype=bool)
+    if not attempt.pressed or not meshed.any() or attempt.failures >= ESCAPES:
         return False
-    return bool(bodies.unpressed(np.ones(len(bodies.directions), dtype=bool)))
+    return bool(set(bodies.unpressed(meshed)) - set(bodies.unpressed(meshed, committed)))
 
 
 def facet_length(problem: Equilibrium) -> float:

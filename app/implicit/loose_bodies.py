@@ -52,10 +52,15 @@ class LooseBodies:
         dim = self.problem.dim
         return self.sums(np.repeat(self.shares, dim) * increment)
 
-    def unpressed(self, among: Bools) -> tuple[str, ...]:
-        """Bodies loose in directions ``among`` (d,) that nothing pressed last; collective."""
+    def unpressed(
+        self, among: Bools, trials: Sequence[ContactTrial] | None = None
+    ) -> tuple[str, ...]:
+        """Bodies loose in directions ``among`` (d,) that nothing pressed last; collective.
+
+        ``trials``: of all contacts, in place of the last.
+        """
         problem = self.problem
-        pairs = list(zip(problem.contacts, problem.trials, strict=True))
+        pairs = list(zip(problem.contacts, trials or problem.trials, strict=True))
         local = np.array([bool(trial.pressure.any()) for _, trial in pairs], dtype=bool)
         pressed = np.zeros_like(local)
         problem.comm.Allreduce(local, pressed, op=MPI.LOR)  # numbers: objects have no array's or
